@@ -12,23 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.cells import COUNT, cells, place_in_run
 from frontend.cores import usable_cores
+from frontend.detections import Detections
 from frontend.feature_kinds import FeatureKind
+from frontend.gradient_histograms import described
 from frontend.points import Points
 from frontend.rectification import rectifier
 from frontend.robust import median
+from frontend.scale_space import CONTRAST, EDGE_RATIO, ScaleSpace
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 ORB_SCALE = 1.2
 """Scale factor from one level of ORB's pyramid to the next."""
-CROWDING_SHARE = 0.68
-"""Features are crowded if the fullest third of the cells holds more than this share of them. On floors it
-holds half to two thirds. In crowded pictures, cells with less than half of an even share keep all their
-points, and fuller cells keep only an even share."""
-SPARSE_CELL_RATIO, LIMIT_REACHED_RATIO = 0.5, 0.9
 COARSE_PX = 8.0
 """Diameter at which a feature has twice the position variance of a fine one of the same contrast."""
 EVERY = 100_000
@@ -36,6 +33,9 @@ EVERY = 100_000
 FINEST_OCTAVE = 0xFF
 """The octave of the doubled picture, -1, in the lowest byte of SIFT's ``KeyPoint.octave``. Given points of
 coarser octaves alone, OpenCV describes them without doubling the picture: the descriptors differ slightly."""
+LARGEST_BY_OPENCV_PX = 640
+"""Longest side of the pictures that OpenCV's SIFT searches. `frontend.scale_space` takes half of its time for
+photographs, but more than half for pictures of 320 px."""
 MOST_PX_AT_ONCE = 4_000_000
 """Pixels of the pictures that are searched at a time. SIFT's pyramids of a picture, first doubled, take 235
 bytes a pixel: 1 GB."""
@@ -95,49 +95,17 @@ class Features:
 
 
 @dataclass(frozen=True)
-class _Detections:
-    """All key points that a detector finds in a picture, without their descriptors."""
+class _Described:
+    """Points of a searched picture that are kept, with their descriptors."""
 
-    points: Sequence[cv2.KeyPoint]
-    cell: NDArray[np.int64]
-    """(n,) cell of each."""
-    by_strength: NDArray[np.int64]
-    """(n,) their order, strongest first."""
-
-    @staticmethod
-    def of(points: Sequence[cv2.KeyPoint], grey: Image) -> _Detections:
-        """Return the points of a grey picture. Their order does not depend on how they were found."""
-        pixel, (size, angle, response) = _pixels(points), _attributes(points)
-        order = np.lexsort((angle, size, *pixel.T, -response))
-        return _Detections(points, cells(pixel, grey.shape[::-1]), order)
-
-    def are_crowded(self, limit: int) -> bool:
-        """Return whether the ``limit`` strongest points are crowded."""
-        count = np.bincount(self.cell[self.by_strength[:limit]], minlength=COUNT)
-        full = count.sum() >= LIMIT_REACHED_RATIO * limit
-        return bool(full and np.sort(count)[-COUNT // 3 :].sum() > CROWDING_SHARE * count.sum())
-
-    def strongest(self, limit: int) -> NDArray[np.int64]:
-        """Return up to ``limit`` points: the strongest, or, where these are crowded, fewer of the full cells.
-
-        A textured object, such as a landing gear or a passer-by, could otherwise use up the limit and leave
-        no features for the floor.
-        """
-        chosen = self.by_strength[:limit]
-        if self.are_crowded(limit):
-            sparse = np.bincount(self.cell[chosen], minlength=COUNT) < SPARSE_CELL_RATIO * limit / COUNT
-            within = self._limited_per_cell(chosen[~sparse[self.cell[chosen]]], round(limit / COUNT))
-            others = self.by_strength[sparse[self.cell[self.by_strength]]]
-            chosen = np.concatenate([within, others[: limit - len(within)]])
-        return chosen
-
-    def _limited_per_cell(self, chosen: NDArray[np.int64], quota: int) -> NDArray[np.int64]:
-        """Return the first ``quota`` of the ``chosen`` points (k,) in each cell, in their order."""
-        cell = self.cell[chosen]
-        by_cell = np.argsort(cell, kind="stable")
-        first = np.zeros(len(chosen), dtype=bool)
-        first[by_cell[place_in_run(cell[by_cell]) < quota]] = True
-        return chosen[first]
+    pixel: Array
+    """(n, 2) in that picture."""
+    size_px: Array
+    """(n,) diameters."""
+    response: Array
+    """(n,) strengths."""
+    descriptor: NDArray[Any]
+    """(n, d) as they were found."""
 
 
 @dataclass(frozen=True)
@@ -189,39 +157,64 @@ class Extractor:
             grey = cv2.resize(grey, size.tolist(), interpolation=cv2.INTER_AREA)
         if mask is not None and mask.shape[::-1] != tuple(size):
             mask = cv2.resize(mask, size.tolist(), interpolation=cv2.INTER_NEAREST)
+        by_opencv = self.config.kind != "sift" or size.max() <= LARGEST_BY_OPENCV_PX
+        search = self._by_opencv if by_opencv else self._in_scale_space
         scale, first_px = full / size, np.zeros(2)
         if (ideal := rectifier(camera, (int(size[0]), int(size[1])))) is not None:
             grey, mask, first_px = ideal.picture(grey), ideal.mask(mask), ideal.first_px
             size = np.array(grey.shape[::-1])
             if size.min() < SMALLEST_PX:
                 return self._no_features()
-        points, described = self._described(np.asarray(grey, dtype=np.uint8), mask)
-        if described is None or len(points) == 0:
+        found = search(np.asarray(grey, dtype=np.uint8), mask)
+        if found is None:
             return self._no_features()
-        pixel = _positions(self.config.kind, points, size)
         # Pixel x of a reduced picture has its centre at full-size pixel (x + 1/2) full / size - 1/2.
-        pixel = (pixel + first_px + 0.5) * scale - 0.5
-        relative_std = _relative_std(self.config.kind, points) * camera.magnification(pixel)
-        return Features(Points(pixel, relative_std), _normalise(described.reshape(len(points), -1)))
+        pixel = (found.pixel + first_px + 0.5) * scale - 0.5
+        relative_std = _relative_std(self.config.kind, found) * camera.magnification(pixel)
+        return Features(Points(pixel, relative_std), _normalise(found.descriptor))
 
-    def _described(self, grey: Image, mask: Image | None) -> tuple[Sequence[cv2.KeyPoint], Any]:
-        """Return the points of a grey picture that are kept, and their descriptors (None without points)."""
+    def _in_scale_space(self, grey: Image, mask: Image | None) -> _Described | None:
+        """Return the points of a grey picture that are kept, by SIFT; None without any."""
+        space = ScaleSpace.of(grey)
+        extrema = space.extrema()
+        if mask is not None:
+            column, row = np.rint(extrema.pixel).astype(np.int64).T
+            extrema = extrema[np.flatnonzero(mask[row, column])]
+        attributes = np.stack([extrema.size_px, extrema.response])
+        found = Detections.of(extrema.pixel, attributes, grey.shape[::-1])
+        kept = extrema[found.strongest(self.config.max_features)]
+        if len(kept) == 0:
+            return None
+        return _Described(kept.pixel, kept.size_px, kept.response, described(space, kept))
+
+    def _by_opencv(self, grey: Image, mask: Image | None) -> _Described | None:
+        """Return the points of a grey picture that are kept, by OpenCV; None without any."""
+        points, descriptor = self._points(grey, mask)
+        if descriptor is None or len(points) == 0:
+            return None
+        size_px, _, response = _attributes(points)
+        pixel = _positions(self.config.kind, points, np.array(grey.shape[::-1]))
+        return _Described(pixel, size_px, response, descriptor.reshape(len(points), -1))
+
+    def _points(self, grey: Image, mask: Image | None) -> tuple[Sequence[cv2.KeyPoint], Any]:
+        """Return the points that are kept, and their descriptors (None without points)."""
         detectors, limit = self._detectors(), self.config.max_features
         # OpenCV masks points after it has limited their number. Neighbours of a crowded picture are crowded.
         if detectors.of_strongest is not None and mask is None and not self._thread_local.crowded:
-            points, described = detectors.of_strongest.detectAndCompute(grey, None)
-            found = _Detections.of(points, grey)
+            points, descriptor = detectors.of_strongest.detectAndCompute(grey, None)
+            found = _detections(points, grey)
             if len(points) < limit or not found.are_crowded(limit):
                 kept = found.strongest(limit)
                 points = [points[k] for k in kept.tolist()]
                 if any(point.octave & 0xFF == FINEST_OCTAVE for point in points):
-                    return points, described[kept]
+                    return points, descriptor[kept]
         # All points are detected and few are described: that costs less than to search sparse cells again.
-        every = _Detections.of(detectors.detector.detect(grey, mask), grey)
-        self._thread_local.crowded = every.are_crowded(limit)
-        kept = every.strongest(limit)
-        points, described = detectors.descriptor.compute(grey, [every.points[k] for k in kept.tolist()])
-        return points, described
+        every = list(detectors.detector.detect(grey, mask))
+        found = _detections(every, grey)
+        self._thread_local.crowded = found.are_crowded(limit)
+        chosen = [every[k] for k in found.strongest(limit).tolist()]
+        points, descriptor = detectors.descriptor.compute(grey, chosen)
+        return points, descriptor
 
     def _no_features(self) -> Features:
         return Features(Points.alike(np.empty((0, 2))), np.empty((0, self._width), self._dtype))
@@ -256,6 +249,10 @@ def _attributes(points: Sequence[cv2.KeyPoint]) -> Array:
     return np.array(each, dtype=float).reshape(-1, 3).T
 
 
+def _detections(points: Sequence[cv2.KeyPoint], grey: Image) -> Detections:
+    return Detections.of(_pixels(points), _attributes(points), grey.shape[::-1])
+
+
 def _create(config: FeatureConfig) -> _Detectors:
     """Return the objects for the features of a configuration."""
     api: Any = cv2  # the type stubs lack several creators
@@ -282,10 +279,10 @@ def _create(config: FeatureConfig) -> _Detectors:
 
 def _sift(limit: int) -> Any:
     """Return SIFT that keeps the ``limit`` strongest points of a picture."""
-    # Dark floors need a low contrast threshold. Without precise upscaling positions are off by 1/4 px.
+    # Without precise upscaling positions are off by 1/4 px.
     api: Any = cv2  # the type stubs lack several creators
     return api.SIFT_create(
-        nfeatures=limit, contrastThreshold=0.01, edgeThreshold=12, enable_precise_upscale=True
+        nfeatures=limit, contrastThreshold=CONTRAST, edgeThreshold=EDGE_RATIO, enable_precise_upscale=True
     )
 
 
@@ -306,7 +303,7 @@ def _positions(kind: FeatureKind, points: Sequence[cv2.KeyPoint], size_px: NDArr
     return np.asarray((pixel + 0.5) * size_px / (size_px // 2**level * 2**level) - 0.5)
 
 
-def _relative_std(kind: FeatureKind, points: Sequence[cv2.KeyPoint]) -> Array:
+def _relative_std(kind: FeatureKind, found: _Described) -> Array:
     """Return (n,) the standard deviation of each position as a ratio to the median of the picture.
 
     Noise displaces faint features more. Shading and neighbouring features displace coarse features more. The
@@ -314,9 +311,8 @@ def _relative_std(kind: FeatureKind, points: Sequence[cv2.KeyPoint]) -> Array:
     other kinds, which have the ratio 1.
     """
     if kind != "sift":
-        return np.ones(len(points))
-    size, _, response = _attributes(points)
-    variance = (1.0 + (size / COARSE_PX) ** 2) / response
+        return np.ones(len(found.pixel))
+    variance = (1.0 + (found.size_px / COARSE_PX) ** 2) / found.response
     return np.asarray(np.sqrt(variance / median(variance)))
 
 
