@@ -36,9 +36,9 @@ coarser octaves alone, OpenCV describes them without doubling the picture: the d
 LARGEST_BY_OPENCV_PX = 640
 """Longest side of the pictures that OpenCV's SIFT searches. `frontend.scale_space` takes half of its time for
 photographs, but more than half for pictures of 320 px."""
-MOST_PX_AT_ONCE = 4_000_000
-"""Pixels of the pictures that are searched at a time. SIFT's pyramids of a picture, first doubled, take 235
-bytes a pixel: 1 GB."""
+MOST_PX_AT_ONCE = 12_000_000
+"""Pixels of the pictures that are searched at a time. The scale space of a picture takes 85 bytes a pixel:
+1 GB."""
 SMALLEST_PX = 16
 """Smallest side of a picture. Smaller pictures give no features, as some pyramids would have empty levels."""
 
