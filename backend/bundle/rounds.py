@@ -25,6 +25,9 @@ _BEFORE, _LAST = (30, 1e-3), (300, 1e-5)
 and of the last. The error is half of a chi-square variable, and few observations make it flat, because of its
 robust losses: two pictures of trees took up to 117 small steps, while maps of a block converge within 30."""
 
+_GROWS = 1.15
+"""Ratio above which the prior of the slope has grown: as noise levels count as equal up to 15 %."""
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -69,7 +72,12 @@ def solve_rounds(
         factors, kept = estimate_inertial_noise(optimum)
         absorbed = absorbed_positions(optimum)
         noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
-        noise = replace(noise, slope_rad=_slope_std_rad(problem, at))
+        slope_rad = _slope_std_rad(problem, at)
+        if slope_rad > _GROWS * noise.slope_rad:
+            # What the narrower prior does not explain is no outlier yet, and no noise.
+            used = np.ones(len(tracks.track), bool)
+            noise = replace(first, inertial=noise.inertial, reported=noise.reported)
+        noise = replace(noise, slope_rad=slope_rad)
         if number == 0:
             # Once, because levels of a grid would keep the rounds from settling.
             noise = replace(noise, reported=reported_noise(problem, at.values))

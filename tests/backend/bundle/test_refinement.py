@@ -128,11 +128,12 @@ def test_exact_positions_give_back_a_leaning_floor():
 
 
 def test_a_hillside_is_no_noise_of_attitude_and_altitude():
-    scene = replace(SCENES["gps and attitude over a slope"], slope_rad=(0.45, -0.25))
+    scene = replace(SURVEY, attitude_std_rad=0.03, position_std_m=(1.0, 3.0), slope_rad=(0.45, -0.25))
     made = make(scene, 1)
     bundle = refine(made.measurements, made.start, made.floor_z_m)
-    assert bundle.floor_slope_rad == pytest.approx(scene.slope_rad, abs=0.02)
-    assert bundle.noise.roll_pitch_rad < 2 * scene.attitude_std_rad
+    assert bundle.floor_slope_rad == pytest.approx(scene.slope_rad, abs=0.03)
+    assert bundle.noise.roll_pitch_rad < 0.06
+    assert (bundle.noise.position_m < (2.0, 2.0, 6.0)).all()
     assert bundle.noise.slope_rad == pytest.approx(np.hypot(0.45, 0.25) / np.sqrt(2), rel=0.1)
 
 
