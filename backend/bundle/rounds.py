@@ -26,7 +26,9 @@ and of the last. The error is half of a chi-square variable, and few observation
 robust losses: two pictures of trees took up to 117 small steps, while maps of a block converge within 30."""
 
 _GROWS = 1.15
-"""Ratio above which the prior of the slope has grown: as noise levels count as equal up to 15 %."""
+"""Ratio above which the ground slopes by more than its prior: noise levels count as equal up to 15 %."""
+_ANY_SLOPE_RAD = 0.6
+"""Standard deviation of a slope that may be any: twice of it is steeper than any ground that is mapped."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ def solve_rounds(
             )
         cost = BundleCost.of(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
-        limits = _LAST if last else _BEFORE
+        # From a level start, a hillside takes more steps than others to be found.
+        limits = _LAST if last or noise.slope_rad == _ANY_SLOPE_RAD else _BEFORE
         minimum = minimise_bundle(cost, at, *limits, on_step)
         at, iterations = minimum.at, iterations + minimum.iterations
         if last:
@@ -73,9 +76,10 @@ def solve_rounds(
         absorbed = absorbed_positions(optimum)
         noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
         slope_rad = _slope_std_rad(problem, at)
-        if slope_rad > _GROWS * noise.slope_rad:
-            # What the narrower prior does not explain is no outlier yet, and no noise.
-            used = np.ones(len(tracks.track), bool)
+        if slope_rad > _GROWS * config.slope_std_rad and first.slope_rad < _ANY_SLOPE_RAD:
+            # What the narrow prior does not explain is no outlier yet, and no noise.
+            used, slope_rad = np.ones(len(tracks.track), bool), _ANY_SLOPE_RAD
+            first = replace(first, slope_rad=slope_rad)
             noise = replace(first, inertial=noise.inertial, reported=noise.reported)
         noise = replace(noise, slope_rad=slope_rad)
         if number == 0:
@@ -89,9 +93,8 @@ def solve_rounds(
 def _slope_std_rad(problem: BundleProblem, at: Variables) -> float:
     """Return the standard deviation of the slope of the ground that its two components show.
 
-    It grows from round to round where the positions tell a slope well, as on a hillside, and stays the least
-    one elsewhere (empirical Bayes). With the least one alone, attitudes and altitudes of a hillside would be
-    taken for noise.
+    It is the least one where nothing shows a larger one (empirical Bayes). With the least one alone, the
+    attitudes and altitudes of a hillside would be taken for noise.
     """
     found = at.values.atVector(WORLD)[SLOPE]
     return max(problem.config.slope_std_rad, float(np.sqrt(np.mean(found**2))))

@@ -53,6 +53,8 @@ class MosaicPlan(MosaicGrid):
     """One sentence about a choice made for the user; empty if there was none."""
     surface: Surface | None = None
     """Ground that is not flat; None for the floor alone."""
+    lowest_m: float = 0.0
+    """Height of the lowest ground over the floor, down to which the pictures reach."""
 
     def pixels(self, view: MosaicView, lattice: Lattice) -> tuple[Float32, Float32, Mask]:
         """Return the pixel (u, v) of the ground at each node, and whether the picture sees it."""
@@ -83,10 +85,12 @@ def plan_mosaic(
     leave_out: Mapping[int, str] | None = None,
     unit: str = "m",
     surface: Surface | None = None,
+    lowest_m: float = 0.0,
 ) -> MosaicPlan:
     """Plan the grid, the pictures and the owners for poses (n, 4, 4) over the floor z = floor_z_m.
 
-    With a ``surface``, pictures in which higher ground hides a cell do not become its owner.
+    With a ``surface``, pictures in which higher ground hides a cell do not become its owner. It may lie below
+    the floor by ``-lowest_m``.
 
     ``gsd_m`` is the ground sample distance in m/pixel. If it is None, it is the median of the pictures', made
     coarser until the mosaic has at most ``max_pixels``. ``leave_out`` maps pose numbers of pictures that must
@@ -99,7 +103,7 @@ def plan_mosaic(
     for k, pose in enumerate(np.asarray(w_T_b, dtype=float)):
         if k in left_out:
             continue
-        view = mosaic_view(camera, k, pose, floor_z_m)
+        view = mosaic_view(camera, k, pose, floor_z_m, lowest_m)
         if isinstance(view, str):
             left_out[k] = view
         else:
@@ -113,7 +117,7 @@ def plan_mosaic(
     kept, owner = _owners(camera, views, canvas, surface)
     return MosaicPlan(
         **vars(canvas), camera=camera, views=kept, owner=owner, redundant=len(views) - len(kept),
-        left_out=left_out, note=note, surface=surface,
+        left_out=left_out, note=note, surface=surface, lowest_m=lowest_m,
     )  # fmt: skip
 
 
@@ -125,7 +129,7 @@ def _weights(
     The weight is the product of a dome over the picture (1 in the centre, 0 at the border), the cosine of the
     angle off nadir, and the resolution relative to the mosaic's, at most 1.
     """
-    seen, nadir, resolution = visible(view, lattice)
+    seen, nadir, resolution = visible(view, lattice, surface.heights(lattice) if surface else None)
     u, v = ground_maps(camera, view, lattice, surface)
     if surface is not None:
         nadir = np.where(surface.hidden(view, lattice), HIDDEN * nadir, nadir)

@@ -161,5 +161,5 @@ def ground_maps(
 
 def ground_seen(view: MosaicView, lattice: Lattice, surface: Surface | None) -> Mask:
     """Return whether the lens sees the ground at each node, and no higher ground hides it."""
-    seen, _, _ = visible(view, lattice)
+    seen, _, _ = visible(view, lattice, surface.heights(lattice) if surface else None)
     return seen if surface is None else seen & ~surface.hidden(view, lattice)

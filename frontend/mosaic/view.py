@@ -63,8 +63,13 @@ class Lattice:
     cols: int
 
 
-def mosaic_view(camera: Camera, k: int, w_T_b: Array, floor_z_m: float) -> MosaicView | str:
-    """Return the view of picture k, or the reason why it is unusable."""
+def mosaic_view(
+    camera: Camera, k: int, w_T_b: Array, floor_z_m: float, lowest_m: float = 0.0
+) -> MosaicView | str:
+    """Return the view of picture k, or the reason why it is unusable.
+
+    Its bounds hold the ground down to ``lowest_m`` over the floor.
+    """
     if not np.isfinite(w_T_b).all():
         return "not placed"
     w_T_c = w_T_b @ camera.b_T_c
@@ -80,7 +85,7 @@ def mosaic_view(camera: Camera, k: int, w_T_b: Array, floor_z_m: float) -> Mosai
     direction = rays @ w_T_c[:3, :3].T
     level = np.linalg.norm(direction[:, :2], axis=1)
     slope = np.divide(level, -direction[:, 2], out=np.full(len(level), np.inf), where=direction[:, 2] < 0)
-    reach = height * np.minimum(slope, np.tan(MAX_OFF_NADIR))
+    reach = (height - min(lowest_m, 0.0)) * np.minimum(slope, np.tan(MAX_OFF_NADIR))
     edge = w_T_c[:2, 3] + direction[:, :2] / np.maximum(level, 1e-12)[:, None] * reach[:, None]
     depth = height / -w_T_c[2, 2]
     gsd = float(np.sqrt(depth**3 / abs(np.linalg.det(pixel_H_floor))))
@@ -171,19 +176,31 @@ def _clipped(camera: Camera, u: Float32, v: Float32) -> tuple[Float32, Float32]:
     return u, v
 
 
-def visible(view: MosaicView, lattice: Lattice) -> tuple[Mask, Float32, Float32]:
+def visible(
+    view: MosaicView, lattice: Lattice, height_m: Float32 | None = None
+) -> tuple[Mask, Float32, Float32]:
     """Return (rows, cols) whether the lens sees each node, its cosine off nadir, and the pixels per metre.
 
-    Nodes at more than ``MAX_OFF_NADIR`` count as not seen.
+    The nodes lie at ``height_m`` (rows, cols) over the floor, on the floor itself for None. Those at more
+    than ``MAX_OFF_NADIR`` count as not seen.
     """
     x = lattice.x0_m + lattice.step_m * np.arange(lattice.cols)
     y = lattice.y0_m - lattice.step_m * np.arange(lattice.rows)
     a, b, c = view.pixel_H_floor[2]
     depth = ((a * x + c)[None] + (b * y)[:, None]).astype(np.float32)
     dx2, dy2 = (x - view.w_p_c_m[0]) ** 2 + view.height_m**2, (y - view.w_p_c_m[1]) ** 2
-    distance = np.sqrt((dx2[None] + dy2[:, None]).astype(np.float32))
-    seen = view.in_field(depth, distance) & (distance < view.height_m / np.cos(MAX_OFF_NADIR))
-    # Jacobian determinant of a homography: det(H) / depth^3 (Hartley and Zisserman 2004, section 2.3).
-    scale = np.float32(abs(np.linalg.det(view.pixel_H_floor)))
+    squares = (dx2[None] + dy2[:, None]).astype(np.float32)
+    below: Float32 | np.float32 = np.float32(view.height_m)
+    # Jacobian determinant of a homography: det(H) / depth^3 (Hartley and Zisserman 2004, section 2.3). For
+    # another height, det(H) is in proportion to the height of the camera over it.
+    scale: Float32 | np.float32 = np.float32(abs(np.linalg.det(view.pixel_H_floor)))
+    if height_m is not None:
+        below = np.maximum(below - height_m, np.float32(1e-3))
+        squares = squares - np.float32(view.height_m**2) + below**2
+        scale = scale * below / np.float32(view.height_m)
+        # The camera itself has no depth, so that the depth of the floor below it tells the change.
+        depth -= np.float32(view.pixel_H_floor[2] @ (*view.w_p_c_m[:2], 1.0) / view.height_m) * height_m
+    distance = np.sqrt(np.maximum(squares, below**2))
+    seen = view.in_field(depth, distance) & (distance < below / np.cos(MAX_OFF_NADIR))
     resolution = np.sqrt(scale / np.where(seen, depth, np.float32(np.inf)) ** 3)
-    return seen, np.float32(view.height_m) / distance, resolution
+    return seen, below / distance, resolution

@@ -46,7 +46,7 @@ def gaps(estimate: Estimate, flight: Flight | None) -> tuple[Gap, ...]:
         if estimate.component[i] == estimate.component[j] and not linked[i:j].all():
             length_m = float(np.linalg.norm(estimate.w_T_b[j, :3, 3] - estimate.w_T_b[i, :3, 3]))
             width_m = _picture_m(estimate, i)
-            (x0, y0), (x1, y1) = (estimate.over_floor_T_b[k, :2, 3].tolist() for k in (i, j))
+            (x0, y0), (x1, y1) = (estimate.w_T_b[k, :2, 3].tolist() for k in (i, j))
             found.append(Gap(i, j, length_m, length_m > width_m, ((x0, y0), (x1, y1)), width_m))
     return tuple(found)
 

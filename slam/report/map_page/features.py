@@ -47,7 +47,8 @@ def keyframes(estimate: Estimate, flight: Flight | None, gaps: Sequence[Gap]) ->
     ``gaps`` are those of the path.
     """
     placed = np.flatnonzero(estimate.placed)
-    x, y, z = estimate.over_floor_T_b[placed, :3, 3].T
+    x, y = estimate.w_T_b[placed, :2, 3].T
+    z = estimate.over_floor_T_b[placed, 2, 3]
     variance = np.trace(estimate.covariances[placed, 3:, 3:], axis1=1, axis2=2)
     sigma = np.sqrt(np.where(variance >= 0, variance, np.nan))
     time = estimate.stamps_s[placed] - estimate.stamps_s[0]
@@ -111,7 +112,7 @@ def floor_points(estimate: Estimate) -> dict[str, Any] | None:
     found = estimate.floor_points
     if found is None:
         return None
-    place = found.on_map(estimate.over_floor_T_b)
+    place = found.on_map(estimate.w_T_b)
     known = np.isfinite(place).all(axis=1)
     place, views = place[known], found.views[known]
     if len(place) == 0:

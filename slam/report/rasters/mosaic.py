@@ -28,6 +28,7 @@ from slam.core.lost_pictures import REDUNDANT
 from slam.core.progress import Progress, silent
 from slam.core.units import unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
+from slam.report.rasters.level_ground import is_level, levelled, lowest_m
 from slam.report.rasters.quality import write_quality
 from slam.report.rasters.surface import MeasuredGround, measure_ground, without_unseen
 
@@ -100,7 +101,7 @@ def write_mosaic(
         apart = np.flatnonzero(estimate.component > 0)
         leave_out = {int(k): "in a part of the flight that is not tied to the largest" for k in apart}
     made = _planned(estimate, flight, estimate.over_floor_T_b, leave_out, gsd_m, _stage(progress, "mosaic"))
-    made, ground = _over_ground(made, estimate)
+    made, ground, poses = _over_ground(made, estimate)
     plan = made.plan
     with _put_into(out_dir) as work:
         tif = work / "mosaic.tif"
@@ -108,7 +109,7 @@ def write_mosaic(
             tiles = _Tiles(made, known)
             write_geotiff(tif, made.grid, tiles.blocks(), height_tags(estimate))
         png_gsd_m = write_png(tif, work / "mosaic.png", MAX_PNG_PIXELS)
-        write_quality(plan, made.exposure, estimate, work / "mosaic_quality.tif", ground.height_std_m)
+        write_quality(plan, made.exposure, estimate, poses, work / "mosaic_quality.tif", ground.height_std_m)
     return MosaicFiles(
         geotiff=out_dir / "mosaic.tif",
         png=out_dir / "mosaic.png",
@@ -218,24 +219,49 @@ def _planned(
         raise InputError(f"{flight.name}: {error}") from None
 
 
-def _over_ground(made: _Planned, estimate: Estimate) -> tuple[_Planned, MeasuredGround]:
-    """Measure the ground, and plan again over it where it is not flat."""
-    plan, poses = made.plan, estimate.over_floor_T_b
+def _over_ground(made: _Planned, estimate: Estimate) -> tuple[_Planned, MeasuredGround, Array]:
+    """Measure the ground, and plan again over it where it is not flat, or where it slopes.
+
+    The third result is the poses (n, 4, 4) over the plan.
+    """
+    plan, over_floor = made.plan, estimate.over_floor_T_b
     ground = measure_ground(
-        plan, made.pictures, made.load, poses, estimate.floor_z_m, estimate.elevation, made.progress
+        plan, made.pictures, made.load, over_floor, estimate.floor_z_m, estimate.elevation, made.progress
     )
+    if not is_level(estimate, plan, ground):
+        level = levelled(ground, plan, estimate)
+        again, measured = _planned_over(made, level, estimate, estimate.w_T_b)
+        if not again.plan.left_out.keys() - plan.left_out.keys():
+            return again, measured, estimate.w_T_b
+        # A camera below the level of the floor: the hillside is too long.
+        degrees = np.degrees(np.linalg.norm(estimate.floor_slope_rad))
+        told = (
+            f"the rasters lie in the plane of the ground, which slopes by {degrees:.0f}°, not in the level "
+            "world: lengths along the slope are longer, and heights count from the plane; map parts of the "
+            "hillside alone"
+        )
+        made = replace(made, plan=replace(plan, note="; ".join(filter(None, (plan.note, told)))))
     if ground.surface is None:
-        return made, ground
+        return made, ground, over_floor
+    return *_planned_over(made, ground, estimate, over_floor), over_floor
+
+
+def _planned_over(
+    made: _Planned, ground: MeasuredGround, estimate: Estimate, poses: Array
+) -> tuple[_Planned, MeasuredGround]:
+    """Plan the mosaic again over the surface of the ground."""
+    plan, surface = made.plan, ground.surface
+    assert surface is not None
     over = plan_mosaic(
         plan.camera, poses, estimate.floor_z_m, plan.gsd_m, MAX_MOSAIC_PIXELS, plan.left_out,
-        unit(estimate.metric), ground.surface,
+        unit(estimate.metric), surface, 0.0 if ground.in_plane is None else lowest_m(surface),
     )  # fmt: skip
     over = replace(over, note=plan.note)
     pictures = Pictures(over, made.load, CACHE_MB)
     exposure = measure_exposure(over, pictures, made.progress)
     ground = replace(
         ground,
-        surface=without_unseen(ground.surface, over),
+        surface=without_unseen(surface, over),
         over_surface=measure_misregistration(over, pictures, made.progress),
     )
     return replace(made, plan=over, pictures=pictures, exposure=exposure), ground

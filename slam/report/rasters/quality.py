@@ -38,20 +38,20 @@ def write_quality(
     plan: MosaicPlan,
     exposure: Exposure,
     estimate: Estimate,
+    w_T_b: NDArray[np.float64],
     path: Path,
     height_std_m: NDArray[np.float32] | None = None,
 ) -> None:
     """Write ``path`` (.tif) and the picture beside it (.png).
 
-    ``height_std_m``: standard deviation of the heights of the plan's surface, on its lattice.
+    ``w_T_b``: poses (n, 4, 4) over the plan. ``height_std_m``: standard deviation of the heights of its
+    surface, on its lattice.
 
     Raises ``InputError`` where the disk refuses.
     """
     of_ground = estimate.ground_covariances
     covariances = estimate.over_floor_covariances if of_ground is None else of_ground
-    quality = mosaic_quality(
-        plan, exposure, estimate.over_floor_T_b, covariances, estimate.floor_z_m, height_std_m
-    )
+    quality = mosaic_quality(plan, exposure, w_T_b, covariances, estimate.floor_z_m, height_std_m)
     rows, cols = quality.pictures.shape
     corner = plan.west_m, plan.north_m
     grid = Grid(*corner, quality.cell_m, cols, rows, estimate.origin, estimate.metric)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,20 @@ PERCENTS = (50, 95)
 
 
 @dataclass(frozen=True)
+class InPlane:
+    """Where the cells of a surface in the level world lie over the plane of a slope."""
+
+    ground: MeasuredGround
+    """The ground over the plane."""
+    cell: NDArray[np.int64]
+    """(rows, cols) number of the cell there; -1 beyond it."""
+
+    def taken(self, values: NDArray[Any], beyond: Any) -> NDArray[Any]:
+        """Return (rows, cols) the values of cells over the plane."""
+        return np.where(self.cell >= 0, values.ravel()[self.cell], beyond)
+
+
+@dataclass(frozen=True)
 class MeasuredGround:
     """The ground of a mosaic, and how well its pictures agree on it."""
 
@@ -37,16 +52,22 @@ class MeasuredGround:
     surface: Surface | None
     """None where nothing shows that the ground is not flat."""
     over_surface: Misregistration | None = None
+    in_plane: InPlane | None = None
+    """Where the surface lies over the plane of a slope; None where the plane is level."""
 
     @cached_property
     def pits(self) -> Mask:
         """(rows, cols) measured heights of the surface that are doubted."""
         assert self.surface is not None
+        if self.in_plane is not None:
+            return self.in_plane.taken(self.in_plane.ground.pits, False)
         return doubted_pits(self.surface)
 
     @cached_property
     def height_std_m(self) -> Float32 | None:
         """(rows, cols) standard deviation of the heights of the surface; None without one."""
+        if self.in_plane is not None:
+            return self.in_plane.taken(self.in_plane.ground.height_std_m, np.float32(np.nan))
         return None if self.surface is None else height_stds(self.surface, self.pits)
 
     @cached_property

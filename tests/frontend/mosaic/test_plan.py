@@ -12,7 +12,7 @@ import pytest
 from frontend.camera import Camera
 from frontend.mosaic.canvas import CELL_PX, MosaicError
 from frontend.mosaic.plan import SUFFICIENT_RATIO, MosaicPlan, plan_mosaic
-from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, pixel_maps
+from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, pixel_maps, visible
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, pose, survey
 
 WIDE = Camera((90.0, 95.0), (101.0, 73.0), (200, 150), (-0.2, 0.05, 0.003, -0.002))
@@ -231,3 +231,20 @@ def test_bounds_contain_the_footprint_of_a_distorted_lens() -> None:
     floor = WIDE.floor_points(T, ideal.reshape(-1, 2), FLOOR_Z_M)
     assert (floor > view.bounds_m[:2] - 0.02).all()
     assert (floor < view.bounds_m[2:] + 0.02).all()
+
+
+def test_raised_ground_is_seen_as_a_floor_at_its_height_is() -> None:
+    T, lattice = pose(0.3, -0.2, 1.7, 0.8, 0.25, -0.3), Lattice(-3.0, 3.0, 0.1, 60, 60)
+    for height_m in (-0.8, 0.6):
+        raised = visible(mosaic_view(WIDE, 0, T, FLOOR_Z_M), lattice, np.full((60, 60), height_m, np.float32))
+        floor = visible(mosaic_view(WIDE, 0, T, FLOOR_Z_M + height_m), lattice)
+        assert 0 < raised[0].sum() < 3600
+        for one, other in zip(raised, floor, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
+
+
+def test_bounds_reach_down_to_the_lowest_ground() -> None:
+    T = pose(0.3, -0.2, 1.7, 0.8, 0.1, -0.1)
+    low, same = mosaic_view(WIDE, 0, T, FLOOR_Z_M, -0.8), mosaic_view(WIDE, 0, T, FLOOR_Z_M - 0.8)
+    assert low.bounds_m == pytest.approx(same.bounds_m)
+    assert low.height_m == pytest.approx(1.7)

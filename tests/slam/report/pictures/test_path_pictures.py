@@ -98,3 +98,14 @@ def test_the_path_over_time_has_the_colours_of_begin_and_end():
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
     for colour in ([0x44, 0x01, 0x54], [0xFD, 0xE7, 0x25]):  # the ends of viridis
         assert (np.abs(pixels - colour).sum(axis=2) < 30).mean() > 5e-4
+
+
+@pytest.mark.parametrize("across", [0.2, 1.0, 4.0])
+def test_several_laps_are_drawn_whatever_the_shape_of_the_path(across):
+    """Photographs of a kite, in no order: panels that share their axes cannot be stretched."""
+    estimate = made_estimate()
+    poses = estimate.w_T_b.copy()
+    poses[:, :2, 3] = np.random.default_rng(0).uniform(-1, 1, (len(poses), 2)) * [1.0, across]
+    assert laps(poses[:, :2, 3]) > 3
+    drawn = np.asarray(Image.open(io.BytesIO(path_over_time(replace(estimate, w_T_b=poses)))))
+    assert drawn.size

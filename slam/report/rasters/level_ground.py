@@ -1,0 +1,130 @@
+"""The ground of a map that slopes, turned from its plane into the level world.
+
+The pictures of a map are compared over the plane that fits the ground best. A GeoTIFF has the places of the
+world, where 10 m up a slope of 30 degrees are 8.7 m, and the height of a place contains that of the plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from frontend.mosaic.plan import MosaicPlan
+from frontend.mosaic.surface import HeightSource, Surface
+from slam.core.estimate import Estimate
+from slam.report.rasters.surface import InPlane, MeasuredGround
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+_PLANE_CELLS = 512
+"""Most cells of a plane along a side: heights between them are exact."""
+_MOST_STEPS = 400
+"""Most heights at which the ground is looked for above a place."""
+
+
+def is_level(estimate: Estimate, plan: MosaicPlan, ground: MeasuredGround) -> bool:
+    """Return whether the plane of the ground is as good as the level world.
+
+    Measured heights may differ by a cell. Flat ground has none, so only its places count, to a pixel.
+    """
+    slope_rad = float(np.linalg.norm(estimate.floor_slope_rad))
+    away_m = _farthest_m(plan)
+    if ground.surface is None:
+        return bool(away_m * (1.0 - np.cos(slope_rad)) < plan.gsd_m)
+    return bool(away_m * np.sin(slope_rad) < ground.surface.cell_m)
+
+
+def levelled(ground: MeasuredGround, plan: MosaicPlan, estimate: Estimate) -> MeasuredGround:
+    """Return the ground of a plan over the plane, with its surface in the level world.
+
+    Where the ground was found flat, the surface is the plane. Each height is the highest above its place.
+    """
+    w_R_f = Rotation.from_rotvec([*estimate.floor_slope_rad, 0.0]).as_matrix()
+    plane = ground.surface or _flat(plan)
+    lattice = _Lattice.under(plan, w_R_f, plane.cell_m)
+    height_m, cell = lattice.heights(plane, w_R_f)
+    source = np.where(cell >= 0, plane.source.ravel()[cell], HeightSource.UNSEEN).astype(np.uint8)
+    # An error across the plane is a larger one along the vertical.
+    std_m = np.where(cell >= 0, plane.std_m.ravel()[cell] / w_R_f[2, 2], np.nan).astype(np.float32)
+    surface = Surface(lattice.west_m, lattice.north_m, plane.cell_m, height_m, std_m, source)
+    return replace(ground, surface=surface, in_plane=InPlane(replace(ground, surface=plane), cell))
+
+
+def lowest_m(surface: Surface) -> float:
+    """Return the height over the floor of the lowest ground, at most 0."""
+    return float(min(surface.height_m.min(), 0.0))
+
+
+def _farthest_m(plan: MosaicPlan) -> float:
+    return float(np.linalg.norm(_corners(plan), axis=1).max())
+
+
+def _corners(plan: MosaicPlan) -> Array:
+    """Return the corners (4, 2) of a plan."""
+    east_m, south_m = plan.west_m + plan.width * plan.gsd_m, plan.north_m - plan.height * plan.gsd_m
+    return np.array([(x, y) for x in (plan.west_m, east_m) for y in (plan.north_m, south_m)])
+
+
+def _flat(plan: MosaicPlan) -> Surface:
+    """Return the plane below a plan as a surface."""
+    width_m, height_m = plan.width * plan.gsd_m, plan.height * plan.gsd_m
+    cell_m = max(plan.gsd_m, max(width_m, height_m) / _PLANE_CELLS)
+    shape = int(np.ceil(height_m / cell_m)), int(np.ceil(width_m / cell_m))
+    source = np.full(shape, HeightSource.FLOOR, np.uint8)
+    nothing = np.zeros(shape, np.float32)
+    return Surface(plan.west_m, plan.north_m, cell_m, nothing, nothing, source)
+
+
+@dataclass(frozen=True)
+class _Lattice:
+    """Cells in the level world."""
+
+    west_m: float
+    north_m: float
+    cell_m: float
+    rows: int
+    cols: int
+
+    @staticmethod
+    def under(plan: MosaicPlan, w_R_f: Array, cell_m: float) -> _Lattice:
+        """Return the cells that hold the ground of a plan over the plane."""
+        corners = _corners(plan) @ w_R_f[:2, :2].T
+        (west, south), (east, north) = corners.min(axis=0), corners.max(axis=0)
+        rows, cols = (int(np.ceil(side / cell_m)) for side in (north - south, east - west))
+        return _Lattice(float(west), float(north), cell_m, rows, cols)
+
+    def heights(self, plane: Surface, w_R_f: Array) -> tuple[NDArray[np.float32], Numbers]:
+        """Return (rows, cols) heights in the level world, and which cell over the plane each is; -1 beyond.
+
+        The vertical above a place is followed down. A step of it crosses one cell of the plane.
+        """
+        x = self.west_m + (np.arange(self.cols) + 0.5) * self.cell_m
+        y = self.north_m - (np.arange(self.rows) + 0.5) * self.cell_m
+        # Over the plane, the place (x, y, z) is f_p0 + z f_up.
+        f_p0 = [(x * row[0])[None] + (y * row[1])[:, None] for row in w_R_f.T]
+        f_up = w_R_f[2]
+        low, high = float(plane.height_m.min()), float(plane.height_m.max())
+        step_m = plane.cell_m * f_up[2] / max(float(np.hypot(*f_up[:2])), 1e-9)
+        count = min(int((high - low) / step_m) + 1, _MOST_STEPS)
+        cell = np.full((self.rows, self.cols), -1, np.int64)
+        for level in np.linspace(high, low, count):
+            z = (level - f_p0[2]) / f_up[2]
+            found = _cell_at(plane, f_p0[0] + z * f_up[0], f_p0[1] + z * f_up[1])
+            half = 0.5 * (high - low) / max(count - 1, 1)
+            reached = (cell < 0) & (found >= 0) & (plane.height_m.ravel()[found] >= level - half)
+            cell[reached] = found[reached]
+        height = np.where(cell >= 0, plane.height_m.ravel()[cell], 0.0)
+        return ((height - f_p0[2]) / f_up[2]).astype(np.float32), cell
+
+
+def _cell_at(surface: Surface, x: Array, y: Array) -> Numbers:
+    """Return the number of the cell of a surface at each place; -1 beyond it."""
+    rows, cols = surface.height_m.shape
+    c = np.floor((x - surface.west_m) / surface.cell_m).astype(np.int64)
+    r = np.floor((surface.north_m - y) / surface.cell_m).astype(np.int64)
+    inside = (c >= 0) & (c < cols) & (r >= 0) & (r < rows)
+    return np.where(inside, r * cols + c, -1)
