@@ -49,6 +49,9 @@ def test_photographs_of_two_places_are_two_parts(mixed):
     belongs = np.array([0 if flight is here else 1 for flight, _ in photos])
     assert np.array_equal(estimate.component, belongs)
     assert "2 parts (12, 9 keyframes) that no overlapping pictures connect" in estimate.status
+    assert "look at the smaller part: " in estimate.status
+    first = next(name for name, of in zip(estimate.frame_names, belongs, strict=True) if of)
+    assert f"part: {first}, " in estimate.status
 
 
 def test_photographs_that_are_not_placed_are_named(capfd):

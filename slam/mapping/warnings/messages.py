@@ -42,6 +42,7 @@ from slam.mapping.warnings.lost_pictures import lost_picture_warnings
 from slam.mapping.warnings.motions import KeyframeSteps
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
+from slam.mapping.warnings.parts import parts_warning
 from slam.mapping.warnings.single_join import single_join_warnings
 from slam.mapping.warnings.slope_by_attitude import slope_by_attitude_warning
 from slam.mapping.warnings.systematic_warning import (
@@ -182,6 +183,7 @@ def _reasons(
         clock_step_left(flight),
         one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
         *single_join_warnings(flight, map_, context.bridges.join(map_.odometry or map_).component),
+        parts_warning(flight, map_),
         *_placement_warnings(map_, not_placed),
         "" if by_metres else _scale_warning(flight, map_, shares),
     ]
@@ -199,16 +201,9 @@ def _motion_warnings(flight: Flight, map_: Map, metric: bool) -> list[str]:
 
 
 def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
-    """Report parts, keyframes that are on no part, and keyframes of unknown uncertainty."""
+    """Report keyframes that are on no part, and keyframes of unknown uncertainty."""
     lines = []
-    parts = int(map_.component.max(initial=-1)) + 1
     lost = [name for name, reason in not_placed.items() if reason == ALONE]
-    if parts > 1:
-        sizes = ", ".join(str(int((map_.component == k).sum())) for k in range(parts))
-        lines.append(
-            f"the map is in {parts} parts ({sizes} keyframes) that no overlapping pictures connect: measure "
-            "within a part only, or fly again with rows that overlap by half"
-        )
     if lost:
         lines.append(
             f"{counted(len(lost), 'keyframe')} {ALONE}: not on the map ({listed(lost)}); look at "

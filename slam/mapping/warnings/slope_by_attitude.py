@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,10 +46,21 @@ def slope_by_attitude_warning(map_: Map) -> str:
 
 
 def _std_by_positions(bundle: Bundle, across: Array) -> float:
-    """Return the standard deviation in rad of a slope along the unit vector (2,) by heights alone."""
-    placed = [p.w_p_b_m for p in bundle.optimum.problem.measurements.positions if np.isfinite(p.std_m[2])]
-    if len(placed) < 2:
-        return np.inf
-    along = np.array(placed)[:, :2] @ across
-    spread = float(np.linalg.norm(along - along.mean()))
-    return float(bundle.noise.position_m[2]) / spread if spread > 0 else np.inf
+    """Return the standard deviation in rad of a slope along the unit vector (2,) by heights alone: those of
+    positions, and those of control points."""
+    measured, noise = bundle.optimum.problem.measurements, bundle.noise
+    positions = [p.w_p_b_m for p in measured.positions if np.isfinite(p.std_m[2])]
+    control = [p for p in measured.control if np.isfinite(p.std_m[2])]
+    survey_m = noise.control * float(np.median([p.std_m[2] for p in control])) if control else np.inf
+    # Both may lie at different heights, so that each tells the slope about its own middle.
+    information = sum(
+        (_spread_m(places, across) / std_m) ** 2
+        for places, std_m in ((positions, noise.position_m[2]), ([p.w_p_m for p in control], survey_m))
+    )
+    return float(information**-0.5) if information > 0 else np.inf
+
+
+def _spread_m(places: Sequence[Array], across: Array) -> float:
+    """Return the root of the sum of squared distances along the unit vector (2,) from the middle."""
+    along = np.array(places).reshape(-1, 3)[:, :2] @ across
+    return float(np.linalg.norm(along - along.mean())) if len(along) > 1 else 0.0

@@ -148,9 +148,9 @@ def systematic_warning(
     first = next(iter(found.coefficients))
     terms = ", ".join(_term(kind, found, camera, height_m) for kind in found.coefficients)
     turned = _looks_elsewhere(found, camera)
-    causes = " and ".join(dict.fromkeys(_CAUSE[kind] for kind in found.coefficients))
-    if found.alternatives:
-        causes += ", or in part " + " or ".join(dict.fromkeys(_CAUSE[kind] for kind in found.alternatives))
+    told = dict.fromkeys(_CAUSE[kind] for kind in found.coefficients)
+    others = dict.fromkeys(_CAUSE[kind] for kind in found.alternatives if _CAUSE[kind] not in told)
+    causes = " and ".join(told) + (", or in part " + " or ".join(others) if others else "")
     moved = f"about {length(found.shift_m, metric)} and {np.degrees(found.tilt_rad):.2g}°"
     effect = (
         f"it displaces poses by {moved}, more than their standard deviations state, and may cause the other "
