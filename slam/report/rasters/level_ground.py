@@ -7,6 +7,7 @@ world, where 10 m up a slope of 30 degrees are 8.7 m, and the height of a place 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,11 +112,11 @@ class _Lattice:
         step_m = plane.cell_m * f_up[2] / max(float(np.hypot(*f_up[:2])), 1e-9)
         count = min(int((high - low) / step_m) + 1, _MOST_STEPS)
         cell = np.full((self.rows, self.cols), -1, np.int64)
-        for level in np.linspace(high, low, count):
-            z = (level - f_p0[2]) / f_up[2]
+        ends = np.linspace(high, low, count + 1)
+        for above, below in pairwise(ends):
+            z = (0.5 * (above + below) - f_p0[2]) / f_up[2]
             found = _cell_at(plane, f_p0[0] + z * f_up[0], f_p0[1] + z * f_up[1])
-            half = 0.5 * (high - low) / max(count - 1, 1)
-            reached = (cell < 0) & (found >= 0) & (plane.height_m.ravel()[found] >= level - half)
+            reached = (cell < 0) & (found >= 0) & (plane.height_m.ravel()[found] >= below)
             cell[reached] = found[reached]
         height = np.where(cell >= 0, plane.height_m.ravel()[cell], 0.0)
         return ((height - f_p0[2]) / f_up[2]).astype(np.float32), cell

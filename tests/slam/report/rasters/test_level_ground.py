@@ -63,6 +63,12 @@ def test_a_box_on_a_slope_stands_where_its_points_are(plan, slope_rad):
     steepest = np.hypot(*turn[2, :2]) / turn[2, 2]
     assert np.abs(level.height_m[r, c] - w_p[:, 2]).max() < 1.5 * level.cell_m * steepest + 1e-4
     assert (level.source[r, c] == HeightSource.PICTURES).all()
+    found = level.source != HeightSource.UNSEEN
+    assert found.sum() == pytest.approx(box.height_m.size * turn[2, 2], rel=0.1), "ground around it too"
+    floor = found & (level.source == HeightSource.FLOOR)
+    x, y = places(level)
+    plane = -(turn[0, 2] * x + turn[1, 2] * y) / turn[2, 2]
+    assert np.abs(level.height_m - plane)[floor].max() < 1e-5
     assert level.std_m[r, c] == pytest.approx(0.01 / turn[2, 2])
     assert ground.pits.shape == ground.height_std_m.shape == level.height_m.shape
 
