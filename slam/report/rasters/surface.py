@@ -66,8 +66,9 @@ class MeasuredGround:
     @cached_property
     def height_std_m(self) -> Float32 | None:
         """(rows, cols) standard deviation of the heights of the surface; None without one."""
-        if self.in_plane is not None:
-            return self.in_plane.taken(self.in_plane.ground.height_std_m, np.float32(np.nan))
+        over_plane = None if self.in_plane is None else self.in_plane.ground.height_std_m
+        if self.in_plane is not None and over_plane is not None:
+            return self.in_plane.taken(over_plane, np.float32(np.nan))
         return None if self.surface is None else height_stds(self.surface, self.pits)
 
     @cached_property
