@@ -48,9 +48,12 @@ def local_value(
         beyond_s = max(stamps_s[0] - t, t - stamps_s[-1], 0.0) if len(stamps_s) else 0.0
         reach_s = max(half_window_s, 3 * beyond_s)
         lo, hi = np.searchsorted(stamps_s, [t - reach_s, t + reach_s])
-        # One sample on each side at least, or there is nothing to interpolate.
-        lo = max(0, min(lo, np.searchsorted(stamps_s, t, side="right") - 1))
-        hi = min(len(stamps_s), max(hi, lo + 2, np.searchsorted(stamps_s, t) + 1))
+        # One sample on each side at least, or there is nothing to interpolate; none where one has this time,
+        # as the angles of photographs have, however far apart these are.
+        last = np.searchsorted(stamps_s, t, side="right") - 1
+        lo = max(0, min(lo, last))
+        least = lo + (1 if last >= 0 and stamps_s[last] == t else 2)
+        hi = min(len(stamps_s), max(hi, least, np.searchsorted(stamps_s, t) + 1))
         dt, near = stamps_s[lo:hi] - t, values[lo:hi]
         if len(dt) == 0 or np.abs(dt).min() > MAX_GAP_S or np.ptp(stamps_s[lo:hi]) > 4 * MAX_GAP_S:
             continue

@@ -37,6 +37,7 @@ from slam.mapping.obstacles import echoes_in_map, range_contradiction
 from slam.mapping.warnings.accuracy_basis import Shares, telling_lengths
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
+from slam.mapping.warnings.lean import lean_warning
 from slam.mapping.warnings.lines_alone import lines_alone_warning
 from slam.mapping.warnings.lost_pictures import lost_picture_warnings
 from slam.mapping.warnings.motions import KeyframeSteps
@@ -176,6 +177,7 @@ def _reasons(
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
         attitude_floor_tilt_warning(tilt) if tilt is not None and tilt.is_too_large else "",
         slope_by_attitude_warning(map_),
+        lean_warning(flight, map_),
         _stuck_ranges(flight, map_) or _range_contradiction(context, map_),
         *_motion_warnings(flight, map_, by_metres),
         clock_contradiction(map_.clock, context.clock)

@@ -80,6 +80,17 @@ def test_slow_streams_count_while_their_gaps_are_short():
         assert np.isfinite(found).all() == expected
 
 
+def test_photographs_keep_their_angles_however_far_apart_they_are():
+    stamps_s = np.array([0.0, 4.0, 11.0, 300.0])
+    angles = np.random.default_rng(0).normal(0, 0.1, (4, 3))
+    found = attitudes_at(AttitudeSeries(stamps_s, angles, (0.03, 0.03, 0.1)), stamps_s, 0.0)
+    assert [a.k for a in found] == [0, 1, 2, 3]
+    assert np.array([a.roll_pitch_yaw_rad for a in found]) == pytest.approx(angles)
+    assert np.array([a.std_rad for a in found]) == pytest.approx(np.tile([0.03, 0.03, 0.1], (4, 1)))
+    between = attitudes_at(AttitudeSeries(stamps_s, angles, (0.03, 0.03, 0.1)), stamps_s[:3] + 0.5, 0.0)
+    assert [a.k for a in between] == []
+
+
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_hardly_any_samples_are_no_trouble(count):
     stamps_s = np.arange(count) * 0.1

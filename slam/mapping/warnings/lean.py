@@ -1,0 +1,33 @@
+"""A map that leans against the attitude, because heights on Earth tell another slope."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam.core.flight import Flight
+from slam.mapping.calibration.attitude_floor_tilt import NOTABLE_RAD, SURE, attitude_floor_tilt
+from slam.mapping.map import Map
+
+_STATED = 2.0
+"""So many deviations as stated are beyond an attitude whose zero is as good as its readings."""
+
+
+def lean_warning(flight: Flight, map_: Map) -> str:
+    """Return a warning where the attitude leans against a map that heights on Earth hold; empty elsewhere.
+
+    Heights in another unit make slopes of what is level, and take the attitude for noise.
+    """
+    if not map_.georeferenced or map_.bundle is None or flight.attitude is None or flight.parts:
+        return ""
+    tilt = attitude_floor_tilt(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
+    if tilt is None:
+        return ""
+    (size, std), stated = tilt.steadier, float(max(flight.attitude.noise_std_rad[:2]))
+    if size < max(_STATED * stated, NOTABLE_RAD) + SURE * std:
+        return ""
+    control = bool(map_.bundle.optimum.problem.measurements.control)
+    return (
+        f"attitude0 leans by {np.degrees(size):.1f}° against the map, which the heights of "
+        f"{'control points' if control else 'positions'} hold: heights across the map may be wrong by as "
+        "much; check the unit of these heights, and the mounting of the camera (T_BS)"
+    )
