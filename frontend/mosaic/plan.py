@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import networkx as nx
 import numpy as np
@@ -53,8 +54,8 @@ class MosaicPlan(MosaicGrid):
     """One sentence about a choice made for the user; empty if there was none."""
     surface: Surface | None = None
     """Ground that is not flat; None for the floor alone."""
-    lowest_m: float = 0.0
-    """Height of the lowest ground over the floor, down to which the pictures reach."""
+    bounds_m: Mapping[int, Array] = field(default_factory=dict)
+    """Pose number -> bounds (4,) of the ground in its picture, where that is not the floor."""
 
     def pixels(self, view: MosaicView, lattice: Lattice) -> tuple[Float32, Float32, Mask]:
         """Return the pixel (u, v) of the ground at each node, and whether the picture sees it."""
@@ -85,12 +86,12 @@ def plan_mosaic(
     leave_out: Mapping[int, str] | None = None,
     unit: str = "m",
     surface: Surface | None = None,
-    lowest_m: float = 0.0,
+    bounds_m: Mapping[int, Array] = MappingProxyType({}),
 ) -> MosaicPlan:
     """Plan the grid, the pictures and the owners for poses (n, 4, 4) over the floor z = floor_z_m.
 
-    With a ``surface``, pictures in which higher ground hides a cell do not become its owner. It may lie below
-    the floor by ``-lowest_m``.
+    With a ``surface``, pictures in which higher ground hides a cell do not become its owner. ``bounds_m`` are
+    those of the ground in each picture by the number of its pose; the default is those of the floor.
 
     ``gsd_m`` is the ground sample distance in m/pixel. If it is None, it is the median of the pictures', made
     coarser until the mosaic has at most ``max_pixels``. ``leave_out`` maps pose numbers of pictures that must
@@ -103,7 +104,7 @@ def plan_mosaic(
     for k, pose in enumerate(np.asarray(w_T_b, dtype=float)):
         if k in left_out:
             continue
-        view = mosaic_view(camera, k, pose, floor_z_m, lowest_m)
+        view = mosaic_view(camera, k, pose, floor_z_m, bounds_m.get(k))
         if isinstance(view, str):
             left_out[k] = view
         else:
@@ -117,7 +118,7 @@ def plan_mosaic(
     kept, owner = _owners(camera, views, canvas, surface)
     return MosaicPlan(
         **vars(canvas), camera=camera, views=kept, owner=owner, redundant=len(views) - len(kept),
-        left_out=left_out, note=note, surface=surface, lowest_m=lowest_m,
+        left_out=left_out, note=note, surface=surface, bounds_m=bounds_m,
     )  # fmt: skip
 
 

@@ -49,7 +49,9 @@ def mosaic_quality(
     empty = plan.owner < 0
     pictures, std = np.zeros(plan.owner.shape, np.float32), np.full(plan.owner.shape, np.nan, np.float32)
     for k, pose in enumerate(np.asarray(w_T_b, dtype=float)):
-        view = None if k in plan.left_out else mosaic_view(plan.camera, k, pose, floor_z_m, plan.lowest_m)
+        view = (
+            None if k in plan.left_out else mosaic_view(plan.camera, k, pose, floor_z_m, plan.bounds_m.get(k))
+        )
         if isinstance(view, MosaicView):
             where, lattice = plan.cells_under(view)
             pictures[where] += _inside(plan, view, lattice)

@@ -64,11 +64,11 @@ class Lattice:
 
 
 def mosaic_view(
-    camera: Camera, k: int, w_T_b: Array, floor_z_m: float, lowest_m: float = 0.0
+    camera: Camera, k: int, w_T_b: Array, floor_z_m: float, bounds_m: Array | None = None
 ) -> MosaicView | str:
     """Return the view of picture k, or the reason why it is unusable.
 
-    Its bounds hold the ground down to ``lowest_m`` over the floor.
+    ``bounds_m`` (4,) are those of ground that is not the floor, such as a hillside.
     """
     if not np.isfinite(w_T_b).all():
         return "not placed"
@@ -85,11 +85,11 @@ def mosaic_view(
     direction = rays @ w_T_c[:3, :3].T
     level = np.linalg.norm(direction[:, :2], axis=1)
     slope = np.divide(level, -direction[:, 2], out=np.full(len(level), np.inf), where=direction[:, 2] < 0)
-    reach = (height - min(lowest_m, 0.0)) * np.minimum(slope, np.tan(MAX_OFF_NADIR))
+    reach = height * np.minimum(slope, np.tan(MAX_OFF_NADIR))
     edge = w_T_c[:2, 3] + direction[:, :2] / np.maximum(level, 1e-12)[:, None] * reach[:, None]
     depth = height / -w_T_c[2, 2]
     gsd = float(np.sqrt(depth**3 / abs(np.linalg.det(pixel_H_floor))))
-    bounds: Array = np.concatenate([edge.min(axis=0), edge.max(axis=0)])
+    bounds: Array = np.concatenate([edge.min(axis=0), edge.max(axis=0)]) if bounds_m is None else bounds_m
     return MosaicView(
         k=k,
         pixel_H_floor=np.asarray(pixel_H_floor, float),

@@ -25,6 +25,9 @@ NOTABLE_RAD = np.radians(2.0)
 """Smallest tilt that is reported: the zero of an attitude is seldom better than a degree."""
 SURE = 4.0
 """Significance of a reported tilt, in standard deviations."""
+ZERO_STDS = 2.0
+"""A tilt within so many stated deviations may be that of the zero: it is as good as the readings, no better.
+Those of a gimbal are assumed to be good to 2 degrees."""
 CLEARLY = 2.0
 """So many times steadier in the world's axes than in the body's, or the other way round; larger than what
 the attitude wanders about it."""

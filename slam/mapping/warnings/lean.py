@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from slam.core.flight import Flight
-from slam.mapping.calibration.attitude_floor_tilt import NOTABLE_RAD, SURE, attitude_floor_tilt
+from slam.mapping.calibration.attitude_floor_tilt import (
+    NOTABLE_RAD,
+    SURE,
+    ZERO_STDS,
+    attitude_floor_tilt,
+)
 from slam.mapping.map import Map
-
-_STATED = 2.0
-"""So many deviations as stated are beyond an attitude whose zero is as good as its readings."""
 
 
 def lean_warning(flight: Flight, map_: Map) -> str:
@@ -23,7 +25,7 @@ def lean_warning(flight: Flight, map_: Map) -> str:
     if tilt is None:
         return ""
     (size, std), stated = tilt.steadier, float(max(flight.attitude.noise_std_rad[:2]))
-    if size < max(_STATED * stated, NOTABLE_RAD) + SURE * std:
+    if size < max(ZERO_STDS * stated, NOTABLE_RAD) + SURE * std:
         return ""
     control = bool(map_.bundle.optimum.problem.measurements.control)
     return (

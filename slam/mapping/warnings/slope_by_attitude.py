@@ -11,7 +11,7 @@ from backend.bundle.factors import SLOPE
 from backend.bundle.graph import WORLD
 from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
-from slam.mapping.calibration.attitude_floor_tilt import NOTABLE_RAD, SURE
+from slam.mapping.calibration.attitude_floor_tilt import NOTABLE_RAD, SURE, ZERO_STDS
 from slam.mapping.map import Map
 
 Array = NDArray[np.float64]
@@ -24,11 +24,13 @@ def slope_by_attitude_warning(map_: Map) -> str:
     knows the noise of the attitude, but not its zero. The result is empty elsewhere.
     """
     bundle = map_.bundle
-    if not map_.georeferenced or bundle is None or not bundle.optimum.problem.measurements.attitudes:
+    attitudes = () if bundle is None else bundle.optimum.problem.measurements.attitudes
+    if not map_.georeferenced or bundle is None or not attitudes:
         return ""
     turn = np.array(bundle.floor_slope_rad)
     size = float(np.linalg.norm(turn))
-    if size < NOTABLE_RAD:
+    stated = float(np.median([a.std_rad[:2].max() for a in attitudes]))
+    if size < max(NOTABLE_RAD, ZERO_STDS * stated):
         return ""
     try:
         told = float(bundle.optimum.standard_deviations(WORLD)[SLOPE].max())

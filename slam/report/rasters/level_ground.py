@@ -6,6 +6,7 @@ world, where 10 m up a slope of 30 degrees are 8.7 m, and the height of a place 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
+from frontend.mosaic.view import MosaicView, mosaic_view
 from slam.core.estimate import Estimate
 from slam.report.rasters.surface import InPlane, MeasuredGround
 
@@ -44,30 +46,44 @@ def levelled(ground: MeasuredGround, plan: MosaicPlan, estimate: Estimate) -> Me
 
     Where the ground was found flat, the surface is the plane. Each height is the highest above its place.
     """
-    w_R_f = Rotation.from_rotvec([*estimate.floor_slope_rad, 0.0]).as_matrix()
-    plane = ground.surface or _flat(plan)
-    lattice = _Lattice.under(plan, w_R_f, plane.cell_m)
+    w_R_f, plane = _w_R_f(estimate), ground.surface or _flat(plan)
+    lattice = _Lattice.over(level_bounds(plan, estimate), plane.cell_m)
     height_m, cell = lattice.heights(plane, w_R_f)
-    source = np.where(cell >= 0, plane.source.ravel()[cell], HeightSource.UNSEEN).astype(np.uint8)
+    source = np.where(cell >= 0, plane.source.ravel()[cell], HeightSource.LEVEL).astype(np.uint8)
     # An error across the plane is a larger one along the vertical.
     std_m = np.where(cell >= 0, plane.std_m.ravel()[cell] / w_R_f[2, 2], np.nan).astype(np.float32)
     surface = Surface(lattice.west_m, lattice.north_m, plane.cell_m, height_m, std_m, source)
     return replace(ground, surface=surface, in_plane=InPlane(replace(ground, surface=plane), cell))
 
 
-def lowest_m(surface: Surface) -> float:
-    """Return the height over the floor of the lowest ground, at most 0."""
-    return float(min(surface.height_m.min(), 0.0))
+def level_bounds(plan: MosaicPlan, estimate: Estimate) -> dict[int, Array]:
+    """Return the bounds (4,) in the level world of the ground in each picture, by the number of its pose."""
+    w_R_f = _w_R_f(estimate)
+    views = (
+        mosaic_view(plan.camera, k, pose, estimate.floor_z_m)
+        for k, pose in enumerate(estimate.over_floor_T_b)
+        if k not in plan.left_out
+    )
+    boxes = {view.k: _box(view.bounds_m) @ w_R_f[:2, :2].T for view in views if isinstance(view, MosaicView)}
+    return {k: np.concatenate([box.min(axis=0), box.max(axis=0)]) for k, box in boxes.items()}
+
+
+def _w_R_f(estimate: Estimate) -> Array:
+    """Return the rotation (3, 3) from the plane of the ground to the level world."""
+    return np.asarray(Rotation.from_rotvec([*estimate.floor_slope_rad, 0.0]).as_matrix())
+
+
+def _box(bounds_m: Array) -> Array:
+    """Return the corners (4, 2) of bounds (4,)."""
+    west, south, east, north = bounds_m
+    return np.array([(x, y) for x in (west, east) for y in (south, north)])
 
 
 def _farthest_m(plan: MosaicPlan) -> float:
-    return float(np.linalg.norm(_corners(plan), axis=1).max())
-
-
-def _corners(plan: MosaicPlan) -> Array:
-    """Return the corners (4, 2) of a plan."""
+    """Return the distance of the farthest corner of a plan from the origin."""
     east_m, south_m = plan.west_m + plan.width * plan.gsd_m, plan.north_m - plan.height * plan.gsd_m
-    return np.array([(x, y) for x in (plan.west_m, east_m) for y in (plan.north_m, south_m)])
+    corners = _box(np.array([plan.west_m, south_m, east_m, plan.north_m]))
+    return float(np.linalg.norm(corners, axis=1).max())
 
 
 def _flat(plan: MosaicPlan) -> Surface:
@@ -76,8 +92,8 @@ def _flat(plan: MosaicPlan) -> Surface:
     cell_m = max(plan.gsd_m, max(width_m, height_m) / _PLANE_CELLS)
     shape = int(np.ceil(height_m / cell_m)), int(np.ceil(width_m / cell_m))
     source = np.full(shape, HeightSource.FLOOR, np.uint8)
-    nothing = np.zeros(shape, np.float32)
-    return Surface(plan.west_m, plan.north_m, cell_m, nothing, nothing, source)
+    level, unknown = np.zeros(shape, np.float32), np.full(shape, np.nan, np.float32)
+    return Surface(plan.west_m, plan.north_m, cell_m, level, unknown, source)
 
 
 @dataclass(frozen=True)
@@ -91,12 +107,13 @@ class _Lattice:
     cols: int
 
     @staticmethod
-    def under(plan: MosaicPlan, w_R_f: Array, cell_m: float) -> _Lattice:
-        """Return the cells that hold the ground of a plan over the plane."""
-        corners = _corners(plan) @ w_R_f[:2, :2].T
-        (west, south), (east, north) = corners.min(axis=0), corners.max(axis=0)
-        rows, cols = (int(np.ceil(side / cell_m)) for side in (north - south, east - west))
-        return _Lattice(float(west), float(north), cell_m, rows, cols)
+    def over(bounds_m: Mapping[int, Array], cell_m: float) -> _Lattice:
+        """Return the cells that hold the ground in all pictures."""
+        bounds = np.array(list(bounds_m.values()))
+        (west, south), (east, north) = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+        # One more cell on each side, so that heights are interpolated up to the border.
+        rows, cols = (int(np.ceil(side / cell_m)) + 2 for side in (north - south, east - west))
+        return _Lattice(float(west) - cell_m, float(north) + cell_m, cell_m, rows, cols)
 
     def heights(self, plane: Surface, w_R_f: Array) -> tuple[NDArray[np.float32], Numbers]:
         """Return (rows, cols) heights in the level world, and which cell over the plane each is; -1 beyond.

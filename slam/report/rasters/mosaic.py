@@ -28,7 +28,7 @@ from slam.core.lost_pictures import REDUNDANT
 from slam.core.progress import Progress, silent
 from slam.core.units import unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
-from slam.report.rasters.level_ground import is_level, levelled, lowest_m
+from slam.report.rasters.level_ground import is_level, level_bounds, levelled
 from slam.report.rasters.quality import write_quality
 from slam.report.rasters.surface import MeasuredGround, measure_ground, without_unseen
 
@@ -254,7 +254,7 @@ def _planned_over(
     assert surface is not None
     over = plan_mosaic(
         plan.camera, poses, estimate.floor_z_m, plan.gsd_m, MAX_MOSAIC_PIXELS, plan.left_out,
-        unit(estimate.metric), surface, 0.0 if ground.in_plane is None else lowest_m(surface),
+        unit(estimate.metric), surface, {} if ground.in_plane is None else level_bounds(plan, estimate),
     )  # fmt: skip
     over = replace(over, note=plan.note)
     pictures = Pictures(over, made.load, CACHE_MB)

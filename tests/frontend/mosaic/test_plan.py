@@ -241,10 +241,3 @@ def test_raised_ground_is_seen_as_a_floor_at_its_height_is() -> None:
         assert 0 < raised[0].sum() < 3600
         for one, other in zip(raised, floor, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
-
-
-def test_bounds_reach_down_to_the_lowest_ground() -> None:
-    T = pose(0.3, -0.2, 1.7, 0.8, 0.1, -0.1)
-    low, same = mosaic_view(WIDE, 0, T, FLOOR_Z_M, -0.8), mosaic_view(WIDE, 0, T, FLOOR_Z_M - 0.8)
-    assert low.bounds_m == pytest.approx(same.bounds_m)
-    assert low.height_m == pytest.approx(1.7)

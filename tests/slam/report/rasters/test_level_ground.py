@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from frontend.mosaic.plan import plan_mosaic
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.surface.misregistration import Misregistration
-from slam.report.rasters.level_ground import is_level, levelled, lowest_m
+from slam.core.estimate import Estimate, over_floor
+from slam.report.rasters.level_ground import is_level, level_bounds, levelled
 from slam.report.rasters.surface import MeasuredGround
 from tests.frontend.mosaic.scene import FLOOR_Z_M
 from tests.frontend.surface.raised_plane import CAMERA, GSD_M, POSES, boxed
@@ -27,6 +28,12 @@ def plan():
     return plan_mosaic(CAMERA, POSES, FLOOR_Z_M, GSD_M)
 
 
+def leaning(slope_rad: tuple[float, float]) -> Estimate:
+    """A map whose ground slopes, of pictures that stand over its plane at ``POSES``."""
+    w_T_b = over_floor(POSES, (-slope_rad[0], -slope_rad[1]), FLOOR_Z_M)
+    return replace(made_estimate(), w_T_b=w_T_b, floor_z_m=FLOOR_Z_M, floor_slope_rad=slope_rad)
+
+
 def places(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     rows, cols = surface.height_m.shape
     x = surface.west_m + (np.arange(cols) + 0.5) * surface.cell_m
@@ -35,23 +42,40 @@ def places(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_flat_ground_has_the_heights_of_its_plane(plan):
-    estimate = replace(made_estimate(), floor_slope_rad=SLOPE_RAD)
+    estimate = leaning(SLOPE_RAD)
     ground = levelled(MeasuredGround(NOTHING, None), plan, estimate)
     x, y = places(ground.surface)
     normal = Rotation.from_rotvec([*SLOPE_RAD, 0.0]).as_matrix()[:, 2]
     plane = -(normal[0] * x + normal[1] * y) / normal[2]
     assert np.abs(ground.surface.height_m - plane).max() < 1e-5
-    shown = ground.surface.source != HeightSource.UNSEEN
-    assert (ground.surface.source[shown] == HeightSource.FLOOR).all()
-    across_m2 = shown.sum() * ground.surface.cell_m**2
-    assert across_m2 == pytest.approx(plan.width * plan.height * GSD_M**2 * normal[2], rel=0.02)
-    assert lowest_m(ground.surface) == pytest.approx(plane[shown].min(), rel=0.3)
+    compared = ground.surface.source == HeightSource.FLOOR
+    assert (ground.surface.source[~compared] == HeightSource.LEVEL).all()
+    assert np.isnan(ground.surface.std_m).all(), "nothing measured the heights of flat ground"
+    across_m2 = compared.sum() * ground.surface.cell_m**2
+    assert across_m2 == pytest.approx(plan.width * plan.height * GSD_M**2 * normal[2], rel=0.05)
+
+
+def test_the_ground_in_each_picture_lies_inside_of_its_bounds(plan):
+    estimate = leaning(SLOPE_RAD)
+    surface, bounds = (
+        levelled(MeasuredGround(NOTHING, None), plan, estimate).surface,
+        level_bounds(plan, estimate),
+    )
+    assert sorted(bounds) == list(range(len(POSES)))
+    corner_px = CAMERA.corners_px
+    for k, pose in enumerate(POSES):
+        over_plane = np.column_stack([CAMERA.floor_points(pose, corner_px, FLOOR_Z_M), np.zeros(4)])
+        x, y = (over_plane @ Rotation.from_rotvec([*SLOPE_RAD, 0.0]).as_matrix().T)[:, :2].T
+        west, south, east, north = bounds[k]
+        assert ((x > west - 1e-6) & (x < east + 1e-6) & (y > south - 1e-6) & (y < north + 1e-6)).all()
+        assert surface.west_m < west
+        assert north < surface.north_m
 
 
 @pytest.mark.parametrize("slope_rad", [(0.02, 0.01), SLOPE_RAD])
 def test_a_box_on_a_slope_stands_where_its_points_are(plan, slope_rad):
     """Each cell of its top is turned by hand, and is found within a cell of the level world."""
-    estimate, box = replace(made_estimate(), floor_slope_rad=slope_rad), boxed(0.3)
+    estimate, box = leaning(slope_rad), boxed(0.3)
     box = replace(box, std_m=np.full_like(box.height_m, 0.01))
     ground = levelled(MeasuredGround(NOTHING, box), plan, estimate)
     level, turn = ground.surface, Rotation.from_rotvec([*slope_rad, 0.0]).as_matrix()
@@ -63,7 +87,7 @@ def test_a_box_on_a_slope_stands_where_its_points_are(plan, slope_rad):
     steepest = np.hypot(*turn[2, :2]) / turn[2, 2]
     assert np.abs(level.height_m[r, c] - w_p[:, 2]).max() < 1.5 * level.cell_m * steepest + 1e-4
     assert (level.source[r, c] == HeightSource.PICTURES).all()
-    found = level.source != HeightSource.UNSEEN
+    found = level.source != HeightSource.LEVEL
     assert found.sum() == pytest.approx(box.height_m.size * turn[2, 2], rel=0.1), "ground around it too"
     floor = found & (level.source == HeightSource.FLOOR)
     x, y = places(level)
@@ -80,6 +104,6 @@ def test_a_slope_counts_where_it_moves_ground_by_a_pixel_or_a_height_by_a_cell(p
         (0.03, True, False),
         (0.4, False, False),
     ):
-        estimate = replace(made_estimate(), floor_slope_rad=(slope_rad, 0.0))
+        estimate = leaning((slope_rad, 0.0))
         assert is_level(estimate, plan, flat) == flat_is_level
         assert is_level(estimate, plan, box) == box_is_level
