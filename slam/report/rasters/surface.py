@@ -32,7 +32,7 @@ PERCENTS = (50, 95)
 
 @dataclass(frozen=True)
 class InPlane:
-    """Where the cells of a surface in the level world lie over the plane of a slope."""
+    """The cells over the plane of a slope that a surface in the level world shows."""
 
     ground: MeasuredGround
     """The ground over the plane."""
@@ -53,7 +53,7 @@ class MeasuredGround:
     """None where nothing shows that the ground is not flat."""
     over_surface: Misregistration | None = None
     in_plane: InPlane | None = None
-    """Where the surface lies over the plane of a slope; None where the plane is level."""
+    """Cells over the plane of a slope that the surface shows; None where the plane is level."""
 
     @cached_property
     def pits(self) -> Mask:
