@@ -190,8 +190,9 @@ def check_model(model: Model, where: str) -> None:
         for key, value in values.items():
             limits = CATALOGUE[name].parameter(key)
             if not limits.least <= value <= limits.most:
+                unit = "" if limits.unit == "1" else f" {limits.unit}"
                 raise InputError(
-                    f"{where}: terms.{name}.{key}: give {limits.least:g} to {limits.most:g} {limits.unit}, "
+                    f"{where}: terms.{name}.{key}: give {limits.least:g} to {limits.most:g}{unit}, "
                     f"got {value:g}"
                 )
     if model.sonar.min_range_m >= model.sonar.max_range_m:

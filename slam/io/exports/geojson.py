@@ -1,11 +1,13 @@
 """The track and the keyframes as GeoJSON.
 
-Coordinates are longitude, latitude, altitude. Source: RFC 7946 (2016), sections 3.1 and 4.
+Coordinates are longitude, latitude, altitude. Source: RFC 7946 (2016), sections 3.1 and 4; a line across the meridian
+of 180 degrees is cut there (section 3.1.9).
 """
 
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +29,7 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
         for lon, lat, alt in zip(longitude.tolist(), latitude.tolist(), altitude.tolist(), strict=True)
     ]
     features = [
-        _feature("LineString", [coordinates[k] for k in part], {"name": exported.name})
+        _feature(*_line([coordinates[k] for k in part]), {"name": exported.name})
         for part in frames.parts()
         if len(part) > 1
     ]
@@ -35,6 +37,23 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     collection = {"type": "FeatureCollection", "description": exported.description, "features": features}
     target.write_text(json.dumps(collection, allow_nan=False, indent=1) + "\n", encoding="utf-8")
     return ()
+
+
+def _line(coordinates: list[list[float]]) -> tuple[str, Any]:
+    """Return the kind and the coordinates of a line, cut where it crosses the meridian of 180 degrees."""
+    pieces = [coordinates[:1]]
+    for here, there in pairwise(coordinates):
+        if abs(there[0] - here[0]) > 180:
+            side = 180.0 if here[0] > 0 else -180.0
+            share = (side - here[0]) / (there[0] + 2 * side - here[0])
+            lat, alt = (
+                round(a + share * (b - a), digits)
+                for a, b, digits in zip(here[1:], there[1:], (_DEGREE_DIGITS, _METRE_DIGITS), strict=True)
+            )
+            pieces[-1].append([side, lat, alt])
+            pieces.append([[-side, lat, alt]])
+        pieces[-1].append(there)
+    return ("LineString", pieces[0]) if len(pieces) == 1 else ("MultiLineString", pieces)
 
 
 def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:

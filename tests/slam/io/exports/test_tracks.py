@@ -14,6 +14,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
+from slam.core.geodesy import GeoOrigin
 from slam.io.exports.formats import export_map
 from tests.slam.io.exports.made_map import exported, made_map, pose
 
@@ -128,3 +129,20 @@ def test_names_with_the_signs_of_markup_and_unknown_covariances(kind, tmp_path):
 def test_parts_of_the_map_are_not_joined_by_a_line(kind, tag, tmp_path):
     target, _ = written(kind, tmp_path, component=np.array([0, 0, 1]))
     assert len(list(ET.parse(target).getroot().iter(tag))) == 2
+
+
+@pytest.mark.parametrize("first_deg", [179.9999, -179.9999])
+def test_geojson_cuts_a_line_at_the_meridian_of_180_degrees(first_deg, tmp_path):
+    """Source: RFC 7946, section 3.1.9. Uncut it would go around the Earth."""
+    side = 20.0 if first_deg > 0 else -20.0
+    poses = [pose((x, y, 10.0)) for x, y in ((0.0, 0.0), (side, 2.0), (2 * side, 4.0))]
+    estimate = made_map(*poses, origin=GeoOrigin(0.0, first_deg, 0.0))
+    export_map(exported(estimate), "geojson", tmp_path / "map")
+    line = json.loads((tmp_path / "map").read_text())["features"][0]["geometry"]
+    assert line["type"] == "MultiLineString"
+    assert [len(piece) for piece in line["coordinates"]] == [2, 3]
+    here, there = line["coordinates"][0][-1], line["coordinates"][1][0]
+    assert here[0] == -there[0] == np.copysign(180.0, first_deg)
+    assert here[1:] == there[1:]
+    cross_m = (180 - abs(first_deg)) / 360 * 2 * np.pi * 6378137.0
+    assert here[1] == pytest.approx(cross_m / 20 * 2 / 110574.0, rel=1e-3)
