@@ -1,7 +1,7 @@
 """The track and the keyframes as GeoJSON.
 
-Coordinates are longitude, latitude, altitude. Source: RFC 7946 (2016), sections 3.1 and 4; a line across the meridian
-of 180 degrees is cut there (section 3.1.9).
+Coordinates are longitude, latitude, altitude. A line across the meridian of 180 degrees is cut there. Source:
+RFC 7946 (2016), sections 3.1, 3.1.9 and 4.
 """
 
 from __future__ import annotations
