@@ -118,20 +118,20 @@ def over_papers_ground(distances: tuple[LandmarkDistance, ...]) -> bool:
 
 
 def landmark_table(
-    estimate: Estimate, flight: Flight, association: Association, maps: AlignedMaps
+    estimate: Estimate, flight: Flight, association: Association, maps: AlignedMaps, unit_m: float = 1.0
 ) -> tuple[tuple[LandmarkDistance, ...], tuple[LoopGap, ...]]:
     """Compute the distances of the flight's named pairs, and its gaps, on the three maps.
 
-    Without named pairs, neighbours in the list of landmarks are compared. The result is empty without
-    landmarks, truth or a camera.
+    Without named pairs, neighbours in the list of landmarks are compared. ``unit_m`` is the length of the
+    maps' unit. The result is empty without landmarks, truth or a camera.
     """
     names = tuple(flight.landmarks)
     sightings = _sightings(estimate, flight, association, maps)
     if not sightings:
         return (), ()
     pairs = flight.landmark_pairs or tuple(pairwise(names))
-    distances = tuple(_distance(a, b, flight, sightings) for a, b in pairs if {a, b} <= set(names))
-    gaps = tuple(_gap(a, b, flight, sightings) for a, b in flight.gaps if {a, b} <= set(names))
+    distances = tuple(_distance(a, b, flight, sightings, unit_m) for a, b in pairs if {a, b} <= set(names))
+    gaps = tuple(_gap(a, b, flight, sightings, unit_m) for a, b in flight.gaps if {a, b} <= set(names))
     return distances, gaps
 
 
@@ -230,20 +230,24 @@ def _mean(points: Array) -> Array:
     return known.mean(axis=0) if len(known) else np.full(3, np.nan)
 
 
-def _distance(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings]) -> LandmarkDistance:
+def _distance(
+    a: str, b: str, flight: Flight, sightings: dict[str, _Sightings], unit_m: float
+) -> LandmarkDistance:
     truth_m = float(np.linalg.norm(flight.landmarks[b] - flight.landmarks[a]))
     one, other = sightings[a], sightings[b]
     vectors = _between(one, other, np.arange(len(one.stamps_s)), np.arange(len(other.stamps_s)))
-    return LandmarkDistance(f"{a}-{b}", truth_m, PerMap(*(float(np.linalg.norm(v)) for v in vectors)))
+    return LandmarkDistance(
+        f"{a}-{b}", truth_m, PerMap(*(unit_m * float(np.linalg.norm(v)) for v in vectors))
+    )
 
 
-def _gap(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings]) -> LoopGap:
+def _gap(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings], unit_m: float) -> LoopGap:
     truth = flight.landmarks[b] - flight.landmarks[a]
     one, other = sightings[a], sightings[b]
     first = _visits(one.stamps_s)[0]
     end_s = one.stamps_s[first[-1]] if len(first) else np.inf
     later = _visit_after(other.stamps_s, end_s + _VISIT_BREAK_S)
-    errors = (float(np.linalg.norm(vector - truth)) for vector in _between(one, other, first, later))
+    errors = (float(np.linalg.norm(unit_m * vector - truth)) for vector in _between(one, other, first, later))
     return LoopGap(f"{a}-{b}", float(np.linalg.norm(truth)), PerMap(*errors))
 
 

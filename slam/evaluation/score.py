@@ -140,7 +140,7 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
     coarse = _too_coarse(estimate, association)
     unit_m = 1.0 if estimate.metric else similar.scale
     consistency, per_keyframe = _consistency(estimate, association, maps.loops.w_T_b, coarse, unit_m)
-    landmarks, gaps = landmark_table(estimate, flight, association, maps)
+    landmarks, gaps = landmark_table(estimate, flight, association, maps, unit_m)
     return Evaluation(
         name=estimate.name,
         reference=association.reference,

@@ -147,7 +147,8 @@ def _certificate(context: Context, map_: Map, kept: tuple[RelativePose, ...]) ->
 def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:
     """Return the poses (n, 4, 4) of the plain chain and of the map without loops.
 
-    The inertial bridges that join the parts of the map join theirs too: what is compared are the loops.
+    The inertial bridges that join the parts of the map join theirs too: what is compared are the loops. Where
+    nothing but loops connects a part to the largest one, such as a second flight, its poses are NaN.
     """
     setup, odometry = context.setup, map_.odometry or map_
     in_parts = odometry.component.max(initial=-1) > 0 and context.flight.gps is None
@@ -158,7 +159,10 @@ def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:
         odometry.edges.heights.height_m,
         context.bridges.edges() if in_parts else (),
     )
-    return chained, (context.bridges.join(odometry) if in_parts else odometry).w_T_b
+    if not in_parts:
+        return chained, odometry.w_T_b
+    joined = context.bridges.join(odometry)
+    return chained, np.where(joined.component[:, None, None] == 0, joined.w_T_b, np.nan)
 
 
 def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, list[str], bool]:

@@ -167,6 +167,7 @@ def landmark_table(evaluation: Evaluation) -> FigureTable:
     headings = ("paper, stitched", "paper, filter") if theirs else ()
     return FigureTable(
         "Error of the distances between landmarks on the map; chain: each picture placed by the one before"
+        + ("" if evaluation.metric else "; the scale of the maps is aligned")
         + ("; paper: Visser and others 2011" if theirs else ""),
         ("landmarks", "true", *headings, *_columns(evaluation.trajectory_names)),
         tuple(rows),

@@ -201,3 +201,13 @@ def test_the_papers_figures_belong_to_its_own_ground_only():
     others = replace(flight, landmark_pairs=(("A", "C"),))
     assert not over_papers_ground(evaluate(estimate_of(truth, 0.5), others).landmarks)
     assert not over_papers_ground(())
+
+
+def test_a_map_without_metres_is_compared_with_its_scale_aligned():
+    truth, flight = flown()
+    in_heights = truth.copy()
+    in_heights[:, :3, 3] /= 0.8
+    record = evaluate(estimate_of(in_heights, 0.5, metric=False), flight).to_json()
+    assert record["landmarks"]["D-E"]["measured_m"] == pytest.approx(record["landmarks"]["D-E"]["truth_m"])
+    assert record["landmarks"]["D-E"]["chain_error_percent"] == pytest.approx(0, abs=1e-6)
+    assert record["loop_gap_m"]["A-E"]["error_m"] == pytest.approx(0, abs=1e-6)
