@@ -6,8 +6,11 @@ from dataclasses import replace
 
 from frontend.camera import Camera
 
+UNKNOWN_FOCAL_STD_RATIO = 0.3
+"""Relative standard deviation of a focal length of which nothing is told. That of a 28 mm lens on 35 mm film
+is assumed, while the lenses of drones have 20 mm (Parrot, small ones of DJI) to 50 mm (survey cameras)."""
 ASSUMED_FOCAL_STD_RATIO = 0.1
-"""Relative standard deviation of a focal length that is assumed."""
+"""Relative standard deviation of a focal length that is told and perhaps wrong."""
 PLAUSIBLE_FOCAL = (0.3, 30.0)
 """Limits of the focal length over the longer side: 118 to 2 degrees of view."""
 NOMINAL_FOCAL_STD_RATIO = 0.03
@@ -33,6 +36,6 @@ def as_nominal(camera: Camera) -> Camera:
 
 
 def as_assumed(camera: Camera) -> Camera:
-    """Return a camera whose lens is known no better than by an assumed focal length."""
+    """Return a camera whose lens is known no better than by a focal length that is perhaps wrong."""
     nominal = as_nominal(camera)
     return replace(nominal, focal_std_ratio=max(nominal.focal_std_ratio, ASSUMED_FOCAL_STD_RATIO))

@@ -17,12 +17,12 @@ import numpy as np
 
 from frontend.camera import Camera
 from slam.core.lens_priors import (
-    ASSUMED_FOCAL_STD_RATIO,
     CENTER_STD_RATIO,
     NOMINAL_FOCAL_STD_RATIO,
     NOMINAL_RADIAL_STD,
     PLAUSIBLE_FOCAL,
     TANGENTIAL_STD,
+    UNKNOWN_FOCAL_STD_RATIO,
 )
 from slam.core.messages import Note
 from slam.io.photos.exif import PhotoTags
@@ -67,7 +67,7 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
         focal_px=(median.px, median.px),
         center_px=((width - 1) / 2, (height - 1) / 2),
         size_px=tags.size_px,
-        focal_std_ratio=ASSUMED_FOCAL_STD_RATIO if best == "assumed" else NOMINAL_FOCAL_STD_RATIO,
+        focal_std_ratio=UNKNOWN_FOCAL_STD_RATIO if best == "assumed" else NOMINAL_FOCAL_STD_RATIO,
         center_std_px=CENTER_STD_RATIO * max(width, height),
         radial_std=0.02 if best in ("dewarp", "lens") else NOMINAL_RADIAL_STD,
         tangential_std=TANGENTIAL_STD,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.core.flight import Image
-from slam.core.lens_priors import ASSUMED_FOCAL_STD_RATIO
+from slam.core.lens_priors import UNKNOWN_FOCAL_STD_RATIO
 from slam.io.files import read_bytes, refusal
 from slam.io.images import MAX_BYTES, UnreadableImageError, image_size
 from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px
@@ -57,7 +57,7 @@ def assumed_camera(size_px: tuple[int, int]) -> tuple[Camera, str]:
         focal_px=(focal_px, focal_px),
         center_px=((width - 1) / 2, (height - 1) / 2),
         size_px=size_px,
-        focal_std_ratio=ASSUMED_FOCAL_STD_RATIO,
+        focal_std_ratio=UNKNOWN_FOCAL_STD_RATIO,
     )
     return camera, f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}; calibrate the camera"
 

@@ -103,5 +103,9 @@ def _heights_by_lens(map_: Map) -> str:
     lens = bundle.lens
     if lens is not None and lens.is_estimated[FOCAL].any():
         return ""
-    told = "taken as exact" if lens is None else f"told to {percent(lens.told_std[0] / lens.calibration[0])}"
-    return f", and heights over the ground rest on the focal length, {told}, which this flight does not check"
+    known = "taken as exact"
+    if lens is not None:
+        known = f"known to {percent(lens.told_std[0] / lens.calibration[0])} beforehand"
+    return (
+        f", and heights over the ground rest on the focal length, {known}, which this flight does not check"
+    )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.core.flight import Gps
+from slam.core.lens_priors import UNKNOWN_FOCAL_STD_RATIO
 from slam.core.messages import Note
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
@@ -24,8 +25,8 @@ from slam.io.streams import METRES_PER_DEGREE, metres_per_degree_east
 Array = NDArray[np.float64]
 
 _FOCAL_STD_RATIO, _RADIAL_STD = 0.1, 0.1
-"""Standard deviations of focal length (relative) and k1. Makers relate the focal length on 35 mm film to the
-width or to the diagonal of the sensor, and video modes crop the picture.
+"""Standard deviations of a told focal length (relative) and k1. Makers relate the focal length on 35 mm film
+to the width or to the diagonal of the sensor, and video modes crop the picture.
 """
 _BAROMETER_STD_M = 1.0
 _ASSUMED: Mapping[str, Value] = {"assumed": ["noise_std"]}
@@ -117,7 +118,7 @@ def video_camera(
     focal_mm = np.empty(0) if subtitles is None else subtitles.column("focal_mm")
     zoom = np.ones(len(focal_mm)) if subtitles is None else np.nan_to_num(subtitles.column("zoom"), nan=1.0)
     focal_mm = (focal_mm * zoom)[np.isfinite(focal_mm) & (focal_mm > 0)]
-    notes, distortion = list[str](), Camera.distortion
+    notes, distortion, std_ratio = list[str](), Camera.distortion, _FOCAL_STD_RATIO
     if len(focal_mm):
         film_mm = float(np.median(focal_mm))
         focal_px = film_mm / FILM_WIDTH_MM * width
@@ -133,7 +134,7 @@ def video_camera(
         focal_px, distortion = by_model.focal_px, by_model.distortion
         notes.append(Note(f"focal length {focal_px:.0f} px {by_model.remark}"))
     else:
-        focal_px = assumed_focal_px(size_px)
+        focal_px, std_ratio = assumed_focal_px(size_px), UNKNOWN_FOCAL_STD_RATIO
         notes.append(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}; calibrate the camera")
     if subtitles is not None and subtitles.stabilised:
         notes.append(
@@ -147,7 +148,7 @@ def video_camera(
         center_px=((width - 1) / 2, (height - 1) / 2),
         size_px=size_px,
         distortion=distortion,
-        focal_std_ratio=_FOCAL_STD_RATIO,
+        focal_std_ratio=std_ratio,
         radial_std=_RADIAL_STD,
     )
     return camera, notes

@@ -68,7 +68,7 @@ def test_calibration_comes_first_and_is_scaled():
 def test_missing_tags_are_replaced_by_a_noted_assumption():
     camera, remarks = photo_camera([PLAIN])
     assert 2 * math.degrees(math.atan(1000 / camera.focal_px[0])) == pytest.approx(65)
-    assert camera.focal_std_ratio == 0.1
+    assert camera.focal_std_ratio == 0.3
     assert "assumed" in remarks[0]
     assert focal(replace(PLAIN, size_px=(1500, 2000))) == pytest.approx(camera.focal_px[0])
 

@@ -88,7 +88,7 @@ def test_a_focal_length_that_is_held_is_named():
 
 @pytest.mark.parametrize(
     ("lens", "told"),
-    [(None, "taken as exact"), ((5.0, 5.0), "told to 0.5 %"), ((5.0, 3.0), "")],
+    [(None, "taken as exact"), ((5.0, 5.0), "known to 0.5 % beforehand"), ((5.0, 3.0), "")],
 )
 def test_a_focal_length_behind_heights_is_named_where_the_flight_does_not_tell_it(lens, told):
     if lens is not None:
