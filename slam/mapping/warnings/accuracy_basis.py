@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from backend.bundle.lens import FOCAL
 from slam.core.flight import Flight
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
@@ -109,3 +111,27 @@ def _heights_by_lens(map_: Map) -> str:
     return (
         f", and heights over the ground rest on the focal length, {known}, which this flight does not check"
     )
+
+
+def scale_warning(flight: Flight, map_: Map, shares: Shares) -> str:
+    """Return what the scale of a map rests on that has neither ranges nor GPS, and what to do about it."""
+    measured = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
+    lacking = "no sonar range that fits the pictures, and no GPS" if measured else "no sonar and no GPS"
+    if map_.bundle is None or map_.bundle.scale_std is None:
+        return (
+            f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor; "
+            "measure one distance on the ground and scale the map by it"
+        )
+    used = {
+        "the vehicle's own velocity": ("velocity", map_.bundle.uses_reported_motion),
+        "the accelerometer": ("imu", map_.inertial is not None and map_.inertial.helps),
+        "the barometer's changes of height": ("barometer", map_.bundle.uses_barometer),
+    }
+    # Parts that the readings of an IMU join have their lengths from these.
+    sources = telling_lengths(used, shares) or ["the accelerometer"]
+    if len(sources) > 1 or "the accelerometer" in sources:
+        source = f"lengths come from {enumerated(sources)} and are"
+    else:
+        source = f"no metric scale but that of {sources[0]},"
+    check = "measure one distance on the ground to check it"
+    return f"{lacking}: {source} known to {100 * map_.bundle.scale_std:.2g} %; {check}"

@@ -15,7 +15,7 @@ from slam.core.flight_info import describe, fix_anomalies, missing_for_map
 from slam.core.instrument_errors import MountTilt
 from slam.core.lost_pictures import NOTABLE_SHARE
 from slam.core.messages import Note, by_kind
-from slam.core.names import enumerated, listed
+from slam.core.names import listed
 from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
 from slam.mapping.calibration.antenna import antenna_place
 from slam.mapping.calibration.attitude_floor_tilt import (
@@ -34,7 +34,7 @@ from slam.mapping.context import Context
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.obstacles import echoes_in_map, range_contradiction
-from slam.mapping.warnings.accuracy_basis import Shares, telling_lengths
+from slam.mapping.warnings.accuracy_basis import Shares, scale_warning
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
 from slam.mapping.warnings.lean import lean_warning
@@ -54,6 +54,7 @@ from slam.mapping.warnings.systematic_warning import (
     systematic_warning,
     told_lens_warning,
 )
+from slam.mapping.warnings.unknown_focal import unknown_focal_warning
 from slam.mapping.warnings.wrong_moments import WrongMoments
 
 MOST_STUCK = 0.5
@@ -167,6 +168,7 @@ def _reasons(
         *map_.no_scale,
         *map_.warnings,
         lines_alone_warning(map_),
+        unknown_focal_warning(flight, map_),
         *map_.graph.disputed_odometry,
         *(
             found.warning
@@ -187,7 +189,7 @@ def _reasons(
         *single_join_warnings(flight, map_, context.bridges.join(map_.odometry or map_).component),
         parts_warning(flight, map_),
         *_placement_warnings(map_, not_placed),
-        "" if by_metres else _scale_warning(flight, map_, shares),
+        "" if by_metres else scale_warning(flight, map_, shares),
     ]
     return [line for line in lines if line]
 
@@ -220,29 +222,6 @@ def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
             "there"
         )
     return lines
-
-
-def _scale_warning(flight: Flight, map_: Map, shares: Shares) -> str:
-    measured = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
-    lacking = "no sonar range that fits the pictures, and no GPS" if measured else "no sonar and no GPS"
-    if map_.bundle is None or map_.bundle.scale_std is None:
-        return (
-            f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor; "
-            "measure one distance on the ground and scale the map by it"
-        )
-    used = {
-        "the vehicle's own velocity": ("velocity", map_.bundle.uses_reported_motion),
-        "the accelerometer": ("imu", map_.inertial is not None and map_.inertial.helps),
-        "the barometer's changes of height": ("barometer", map_.bundle.uses_barometer),
-    }
-    # Parts that the readings of an IMU join have their lengths from these.
-    sources = telling_lengths(used, shares) or ["the accelerometer"]
-    if len(sources) > 1 or "the accelerometer" in sources:
-        source = f"lengths come from {enumerated(sources)} and are"
-    else:
-        source = f"no metric scale but that of {sources[0]},"
-    check = "measure one distance on the ground to check it"
-    return f"{lacking}: {source} known to {100 * map_.bundle.scale_std:.2g} %; {check}"
 
 
 def _moving(observations: Observations, shared: SystematicErrors | None) -> list[str]:

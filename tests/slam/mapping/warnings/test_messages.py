@@ -14,7 +14,8 @@ from slam.core.flight import Gps, Sonar
 from slam.core.messages import is_note
 from slam.core.stream_anomalies import stuck_ranges
 from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
-from slam.mapping.warnings.messages import MOST_STUCK, _scale_warning, anomalies
+from slam.mapping.warnings.accuracy_basis import scale_warning
+from slam.mapping.warnings.messages import MOST_STUCK, anomalies
 from tests.slam.small_flight import flown
 
 
@@ -72,7 +73,7 @@ def test_a_suspect_fix_that_the_map_leaves_out_needs_no_action() -> None:
 def test_all_instruments_that_tell_lengths_are_named(velocity, accelerometer, barometer, told) -> None:
     bundle = SimpleNamespace(scale_std=0.03, uses_reported_motion=velocity, uses_barometer=barometer)
     map_ = SimpleNamespace(bundle=bundle, inertial=SimpleNamespace(helps=accelerometer))
-    assert told in _scale_warning(SimpleNamespace(sonar=None), map_, {})
+    assert told in scale_warning(SimpleNamespace(sonar=None), map_, {})
 
 
 @pytest.mark.slow

@@ -1,0 +1,29 @@
+"""A focal length of which nothing is told, and which the flight does not tell well either."""
+
+from __future__ import annotations
+
+from backend.bundle.lens import FOCAL
+from slam.core.flight import Flight
+from slam.core.lens_priors import NOMINAL_FOCAL_STD_RATIO, UNKNOWN_FOCAL_STD_RATIO
+from slam.core.units import percent
+from slam.mapping.map import Map
+
+
+def unknown_focal_warning(flight: Flight, map_: Map) -> str:
+    """Return a reason to doubt heights where the focal length is known worse than that of a common tag.
+
+    An estimate from pictures of ground that is nearly flat is weak, and relief displaces it. The result is
+    empty where a focal length is told, if only by a tag.
+    """
+    lens = None if map_.bundle is None else map_.bundle.lens
+    camera = flight.camera
+    if lens is None or camera is None or camera.focal_std_ratio < UNKNOWN_FOCAL_STD_RATIO:
+        return ""
+    known = float((lens.std[FOCAL] / lens.calibration[FOCAL]).max())
+    if known <= NOMINAL_FOCAL_STD_RATIO:
+        return ""
+    return (
+        f"nothing tells the focal length, and these pictures tell it to {percent(known)} only: heights over "
+        "the ground are doubted, and lengths too where a height sensor gives them; copy the originals with "
+        "their tags, or write the calibrated focal length into cam0/sensor.yaml"
+    )

@@ -1,0 +1,31 @@
+"""The doubt of a focal length that nothing tells."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from slam.core.lens_priors import ASSUMED_FOCAL_STD_RATIO, UNKNOWN_FOCAL_STD_RATIO
+from slam.mapping.warnings.unknown_focal import unknown_focal_warning
+
+
+def warning(told_ratio: float, found_ratio: float) -> str:
+    lens = SimpleNamespace(calibration=np.full(9, 500.0), std=np.full(9, 500.0 * found_ratio))
+    flight = SimpleNamespace(camera=SimpleNamespace(focal_std_ratio=told_ratio))
+    return unknown_focal_warning(flight, SimpleNamespace(bundle=SimpleNamespace(lens=lens)))
+
+
+def test_a_focal_length_that_neither_tags_nor_pictures_tell_is_a_reason() -> None:
+    assert "these pictures tell it to 15" in warning(UNKNOWN_FOCAL_STD_RATIO, 0.15)
+
+
+@pytest.mark.parametrize(
+    ("told", "found"), [(UNKNOWN_FOCAL_STD_RATIO, 0.02), (ASSUMED_FOCAL_STD_RATIO, 0.09)]
+)
+def test_one_that_either_tells_is_none(told: float, found: float) -> None:
+    assert warning(told, found) == ""
+
+
+def test_a_map_without_refinement_has_no_lens_to_doubt() -> None:
+    flight = SimpleNamespace(camera=SimpleNamespace(focal_std_ratio=UNKNOWN_FOCAL_STD_RATIO))
+    assert unknown_focal_warning(flight, SimpleNamespace(bundle=None)) == ""
