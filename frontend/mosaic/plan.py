@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import networkx as nx
 import numpy as np
@@ -86,7 +85,7 @@ def plan_mosaic(
     leave_out: Mapping[int, str] | None = None,
     unit: str = "m",
     surface: Surface | None = None,
-    bounds_m: Mapping[int, Array] = MappingProxyType({}),
+    bounds_m: Mapping[int, Array] | None = None,
 ) -> MosaicPlan:
     """Plan the grid, the pictures and the owners for poses (n, 4, 4) over the floor z = floor_z_m.
 
@@ -99,12 +98,12 @@ def plan_mosaic(
 
     Raises ``MosaicError`` if no picture sees the floor or the given ``gsd_m`` needs too many pixels.
     """
-    left_out = dict(leave_out or {})
+    left_out, of_ground = dict(leave_out or {}), dict(bounds_m or {})
     views: list[MosaicView] = []
     for k, pose in enumerate(np.asarray(w_T_b, dtype=float)):
         if k in left_out:
             continue
-        view = mosaic_view(camera, k, pose, floor_z_m, bounds_m.get(k))
+        view = mosaic_view(camera, k, pose, floor_z_m, of_ground.get(k))
         if isinstance(view, str):
             left_out[k] = view
         else:
@@ -118,7 +117,7 @@ def plan_mosaic(
     kept, owner = _owners(camera, views, canvas, surface)
     return MosaicPlan(
         **vars(canvas), camera=camera, views=kept, owner=owner, redundant=len(views) - len(kept),
-        left_out=left_out, note=note, surface=surface, bounds_m=bounds_m,
+        left_out=left_out, note=note, surface=surface, bounds_m=of_ground,
     )  # fmt: skip
 
 
