@@ -124,6 +124,7 @@ def surface_errors(made: MosaicFiles, world: World) -> list[Metric]:
     truth = elevation(world, *np.meshgrid(x, y)).astype(np.float32)
     x0, y0, x1, y1 = world.extent_m
     inside = ((x >= x0) & (x <= x1))[None] & ((y >= y0) & (y <= y1))[:, None]
+    inside &= surface.source != HeightSource.UNSEEN
     kernel = np.ones((2 * EDGE_CELLS + 1,) * 2, np.uint8)
     # A cone or a roof of 60 degrees is no wall.
     steep = cv2.dilate(truth, kernel) - cv2.erode(truth, kernel) > 2 * len(kernel) * surface.cell_m
