@@ -143,23 +143,16 @@ def _count(left_out: dict[str, int], reason: str, mask: NDArray[np.bool_]) -> No
 def _with_truth(
     stamps_s: Array, comparable: NDArray[np.bool_], left_out: dict[str, int], truth: Truth
 ) -> Association:
-    known = np.isfinite(truth.w_T_b).all(axis=(1, 2)) & np.isfinite(truth.stamps_s)
-    times_s, first = np.unique(truth.stamps_s[known], return_index=True)
-    poses = truth.w_T_b[known][first]
+    rows = complete_rows(truth)
+    times_s, poses = rows.stamps_s, rows.w_T_b
     if len(times_s) == 0:
         raise InputError(
             "state_groundtruth_estimate0: holds no complete row; mend it or compare with another flight"
         )
-    inside = np.abs(stamps_s - np.clip(stamps_s, times_s[0], times_s[-1])) <= _STAMP_TOLERANCE_S
+    inside, covered = covered_by(times_s, stamps_s)
     _count(left_out, "outside the truth's time range", comparable & ~inside)
     at_s = np.clip(stamps_s, times_s[0], times_s[-1])
     left, right = _neighbours(times_s, at_s)
-    interval_s = times_s[right] - times_s[left]
-    longest_s = max(_GAP_S, 3 * float(np.median(np.diff(times_s)))) if len(times_s) > 1 else 0.0
-    on_a_row: NDArray[np.bool_] = (
-        np.minimum(at_s - times_s[left], times_s[right] - at_s) <= _STAMP_TOLERANCE_S
-    )
-    covered: NDArray[np.bool_] = (interval_s < longest_s) | on_a_row
     _count(left_out, "in a gap of the truth", comparable & inside & ~covered)
     keyframe = np.flatnonzero(comparable & inside & covered)
     w_T_b = _interpolated(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
@@ -172,6 +165,26 @@ def _with_truth(
         left_out=left_out,
         between_rows=missed,
     )
+
+
+def complete_rows(truth: Truth) -> Truth:
+    """Return the complete rows of the truth in order of time, one for each time."""
+    known = np.isfinite(truth.w_T_b).all(axis=(1, 2)) & np.isfinite(truth.stamps_s)
+    times_s, first = np.unique(truth.stamps_s[known], return_index=True)
+    return Truth(times_s, truth.w_T_b[known][first])
+
+
+def covered_by(times_s: Array, stamps_s: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which of ``stamps_s`` (m,) lie within the range of rows at increasing ``times_s`` (n,), and
+    which of them on a row or in no gap between two."""
+    at_s = np.clip(stamps_s, times_s[0], times_s[-1])
+    inside: NDArray[np.bool_] = np.abs(stamps_s - at_s) <= _STAMP_TOLERANCE_S
+    left, right = _neighbours(times_s, at_s)
+    longest_s = max(_GAP_S, 3 * float(np.median(np.diff(times_s)))) if len(times_s) > 1 else 0.0
+    on_a_row: NDArray[np.bool_] = (
+        np.minimum(at_s - times_s[left], times_s[right] - at_s) <= _STAMP_TOLERANCE_S
+    )
+    return inside, (times_s[right] - times_s[left] < longest_s) | on_a_row
 
 
 def poses_at(truth: Truth, stamps_s: Array) -> Array:

@@ -10,13 +10,15 @@ from scipy.optimize import minimize_scalar
 
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
-from slam.evaluation.association import Association, stamps_on_clock
+from slam.evaluation.association import Association, complete_rows, covered_by, stamps_on_clock
 from slam.evaluation.trajectory import position_error, umeyama
 
 Array = NDArray[np.float64]
 
 FARTHEST_S, STEP_S = 2.0, 0.05
 """Shifts that are tried. A vehicle that turns back and forth within twice the step would hide its shift."""
+MOST_SHARE = 0.5
+"""Largest share of the error that a shift of the stamps leaves."""
 FEWEST = 8
 """Keyframes below which no shift is looked for: similarity and shift together have eight unknowns."""
 
@@ -37,29 +39,31 @@ def truth_clock(estimate: Estimate, flight: Flight, association: Association) ->
 
     A straight flight at a constant speed shows none: a translation has the same effect.
     """
-    truth = flight.truth
-    if truth is None or association.w_T_b is None or len(association.keyframe) < FEWEST:
+    if flight.truth is None or association.w_T_b is None or len(association.keyframe) < FEWEST:
         return None
-    known = np.isfinite(truth.w_T_b).all(axis=(1, 2)) & np.isfinite(truth.stamps_s)
-    rows_s, true_m = truth.stamps_s[known], truth.w_T_b[known, :3, 3]
+    rows = complete_rows(flight.truth)
+    rows_s, true_m = rows.stamps_s, rows.w_T_b[:, :3, 3]
     at_s = stamps_on_clock(estimate, flight)[association.keyframe]
     place_m = estimate.w_T_b[association.keyframe, :3, 3]
 
-    def error_m(late_s: float) -> float:
-        shifted_s = at_s + late_s
-        inside = (shifted_s >= rows_s[0]) & (shifted_s <= rows_s[-1])
-        if inside.sum() < max(FEWEST, len(at_s) / 2):
-            return float("inf")
-        reference_m = np.column_stack([np.interp(shifted_s[inside], rows_s, axis) for axis in true_m.T])
-        moved = umeyama(place_m[inside], reference_m, with_scale=not estimate.metric)
-        rmse = position_error(moved.apply(place_m[inside]), reference_m).rmse
-        return rmse if np.isfinite(rmse) else float("inf")
+    def error_m(late_s: float, of: NDArray[np.bool_]) -> float:
+        reference_m = np.column_stack([np.interp(at_s[of] + late_s, rows_s, axis) for axis in true_m.T])
+        moved = umeyama(place_m[of], reference_m, with_scale=not estimate.metric)
+        return position_error(moved.apply(place_m[of]), reference_m).rmse
 
-    shifts_s = np.arange(-FARTHEST_S, FARTHEST_S + STEP_S / 2, STEP_S)
-    best_s = shifts_s[int(np.argmin([error_m(shift) for shift in shifts_s]))]
-    late_s = float(minimize_scalar(error_m, bounds=(best_s - STEP_S, best_s + STEP_S), method="bounded").x)
-    least_m = error_m(late_s)
+    def share(late_s: float) -> float:
+        """Return the error with a shift over that without, of the same keyframes."""
+        covered = np.logical_and(*covered_by(rows_s, at_s + late_s))
+        if covered.sum() < max(FEWEST, len(at_s) / 2):
+            return np.inf
+        shifted_m, unshifted_m = error_m(late_s, covered), error_m(0.0, covered)
+        return shifted_m / unshifted_m if unshifted_m > rounding_m else np.inf
+
     rounding_m = np.sqrt(np.finfo(float).eps) * float(np.ptp(true_m, axis=0).max())
-    between_rows = abs(late_s) < float(np.median(np.diff(rows_s)))
-    halved = least_m < error_m(0.0) / 2 and error_m(0.0) > rounding_m
-    return TruthClock(late_s, least_m) if halved and not between_rows else None
+    shifts_s = np.arange(-FARTHEST_S, FARTHEST_S + STEP_S / 2, STEP_S)
+    best_s = shifts_s[int(np.argmin([share(shift) for shift in shifts_s]))]
+    late_s = float(minimize_scalar(share, bounds=(best_s - STEP_S, best_s + STEP_S), method="bounded").x)
+    beyond_a_row = abs(late_s) >= float(np.median(np.diff(rows_s)))
+    if not (beyond_a_row and share(late_s) < MOST_SHARE):
+        return None
+    return TruthClock(late_s, error_m(late_s, np.logical_and(*covered_by(rows_s, at_s + late_s))))

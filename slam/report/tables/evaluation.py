@@ -290,8 +290,8 @@ def _share(value: float) -> str:
 def _clock(clock: TruthClock) -> str:
     way = "late" if clock.late_s > 0 else "early"
     return (
-        f"its stamps look {abs(clock.late_s):.3f} s {way}: without that the position error, aligned, is "
-        f"typically {length(clock.ate_aligned_m)}; correct them, and evaluate again"
+        f"the stamps of the truth look {abs(clock.late_s):.3f} s {way}: with that corrected, the aligned "
+        f"position error is typically {length(clock.ate_aligned_m)}; correct them, and evaluate again"
     )
 
 
