@@ -51,6 +51,8 @@ class MosaicPlan(MosaicGrid):
     """Pose number -> why its picture cannot be used."""
     note: str = ""
     """One sentence about a choice made for the user; empty if there was none."""
+    floor_z_m: float = 0.0
+    """Height of the floor, from which the heights of ``surface`` count."""
     surface: Surface | None = None
     """Ground that is not flat; None for the floor alone."""
     bounds_m: Mapping[int, Array] = field(default_factory=dict)
@@ -117,7 +119,8 @@ def plan_mosaic(
     kept, owner = _owners(camera, views, canvas, surface)
     return MosaicPlan(
         **vars(canvas), camera=camera, views=kept, owner=owner, redundant=len(views) - len(kept),
-        left_out=left_out, note=note, surface=surface, bounds_m=of_ground,
+        left_out=left_out, note=note, floor_z_m=floor_z_m, surface=surface,
+        bounds_m=of_ground,
     )  # fmt: skip
 
 

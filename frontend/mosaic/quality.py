@@ -38,7 +38,6 @@ def mosaic_quality(
     exposure: Exposure,
     w_T_b: Array,
     covariances: Array,
-    floor_z_m: float,
     height_std_m: Float32 | None = None,
 ) -> MosaicQuality:
     """Return the quality for poses (n, 4, 4) with covariances (n, 6, 6).
@@ -49,9 +48,9 @@ def mosaic_quality(
     empty = plan.owner < 0
     pictures, std = np.zeros(plan.owner.shape, np.float32), np.full(plan.owner.shape, np.nan, np.float32)
     for k, pose in enumerate(np.asarray(w_T_b, dtype=float)):
-        view = (
-            None if k in plan.left_out else mosaic_view(plan.camera, k, pose, floor_z_m, plan.bounds_m.get(k))
-        )
+        if k in plan.left_out:
+            continue
+        view = mosaic_view(plan.camera, k, pose, plan.floor_z_m, plan.bounds_m.get(k))
         if isinstance(view, MosaicView):
             where, lattice = plan.cells_under(view)
             pictures[where] += _inside(plan, view, lattice)
@@ -59,7 +58,7 @@ def mosaic_quality(
         where, lattice = plan.cells_under(view)
         own = plan.owner[where] == index
         if own.any():
-            z_m, of_height = _heights(plan, lattice, floor_z_m, height_std_m)
+            z_m, of_height = _heights(plan, lattice, height_std_m)
             found = ground_std(view, w_T_b[view.k], covariances[view.k], lattice, z_m, of_height)
             std[where][own] = found[own]
     # The owner of a cell shows a part of it, even if the centre lies just outside the picture.
@@ -72,13 +71,13 @@ def _inside(plan: MosaicPlan, view: MosaicView, lattice: Lattice) -> NDArray[np.
 
 
 def _heights(
-    plan: MosaicPlan, lattice: Lattice, floor_z_m: float, height_std_m: Float32 | None
+    plan: MosaicPlan, lattice: Lattice, height_std_m: Float32 | None
 ) -> tuple[Float32 | float, Float32 | float]:
     """Return z of the ground at the nodes of a lattice, and the standard deviation of its height."""
     if plan.surface is None:
-        return floor_z_m, 0.0
+        return plan.floor_z_m, 0.0
     heights = plan.surface.heights(lattice)
-    z_m = floor_z_m if heights is None else np.float32(floor_z_m) + heights
+    z_m = plan.floor_z_m if heights is None else np.float32(plan.floor_z_m) + heights
     return z_m, 0.0 if height_std_m is None else plan.surface.nearest(lattice, height_std_m)
 
 

@@ -51,7 +51,7 @@ def write_elevation(estimate: Estimate, out_dir: Path, ground: MeasuredGround | 
     if ground is not None and surface is not None:
         corner, cell_m, shape = (surface.west_m, surface.north_m), surface.cell_m, surface.height_m.shape
         # The sonar's heights are those over the plane of a slope.
-        bands = _surface_bands(surface, ground.pits, elevation if ground.in_plane is None else None)
+        bands = _surface_bands(surface, ground.pits, elevation if ground.over_plane is None else None)
         doubts = {
             "filled in": surface.source == HeightSource.FILLED,
             "doubted": ground.pits,

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.mosaic.view import MosaicView, mosaic_view
 from slam.core.estimate import Estimate
-from slam.report.rasters.surface import InPlane, MeasuredGround
+from slam.report.rasters.surface import MeasuredGround, OverPlane, height_stds
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -26,7 +27,8 @@ Numbers = NDArray[np.int64]
 _PLANE_CELLS = 512
 """Most cells of a plane along a side: heights between them are exact."""
 _MOST_STEPS = 400
-"""Most heights at which the ground is looked for above a place."""
+"""Most heights at which the ground is looked for above a place. With more, a step crosses several cells, and
+the search takes longer than the mosaic."""
 
 
 def is_level(estimate: Estimate, plan: MosaicPlan, ground: MeasuredGround) -> bool:
@@ -47,13 +49,22 @@ def levelled(ground: MeasuredGround, plan: MosaicPlan, estimate: Estimate) -> Me
     Where the ground was found flat, the surface is the plane. Each height is the highest above its place.
     """
     w_R_f, plane = _w_R_f(estimate), ground.surface or _flat(plan)
-    lattice = _Lattice.over(level_bounds(plan, estimate), plane.cell_m)
+    bounds_m = level_bounds(plan, estimate)
+    lattice = _Lattice.over(bounds_m, plane.cell_m)
     height_m, cell = lattice.heights(plane, w_R_f)
-    source = np.where(cell >= 0, plane.source.ravel()[cell], HeightSource.LEVEL).astype(np.uint8)
+    pits = replace(ground, surface=plane).pits
+
+    def taken(values: NDArray[Any], beyond: Any) -> NDArray[Any]:
+        return np.where(cell >= 0, values.ravel()[cell], beyond)
+
     # An error across the plane is a larger one along the vertical.
-    std_m = np.where(cell >= 0, plane.std_m.ravel()[cell] / w_R_f[2, 2], np.nan).astype(np.float32)
+    std_m, height_std_m = (
+        taken(each / w_R_f[2, 2], np.nan).astype(np.float32)
+        for each in (plane.std_m, height_stds(plane, pits))
+    )
+    source = taken(plane.source, HeightSource.LEVEL).astype(np.uint8)
     surface = Surface(lattice.west_m, lattice.north_m, plane.cell_m, height_m, std_m, source)
-    return replace(ground, surface=surface, in_plane=InPlane(replace(ground, surface=plane), cell))
+    return replace(ground, surface=surface, over_plane=OverPlane(taken(pits, False), height_std_m, bounds_m))
 
 
 def level_bounds(plan: MosaicPlan, estimate: Estimate) -> dict[int, Array]:
@@ -118,7 +129,8 @@ class _Lattice:
     def heights(self, plane: Surface, w_R_f: Array) -> tuple[NDArray[np.float32], Numbers]:
         """Return (rows, cols) heights in the level world, and which cell over the plane each is; -1 beyond.
 
-        The vertical above a place is followed down. A step of it crosses one cell of the plane.
+        The vertical above a place is followed down. A step of it crosses one cell of the plane, unless that
+        takes more than ``_MOST_STEPS``: things that are narrower than a step may then be missed.
         """
         x = self.west_m + (np.arange(self.cols) + 0.5) * self.cell_m
         y = self.north_m - (np.arange(self.rows) + 0.5) * self.cell_m

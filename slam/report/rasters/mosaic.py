@@ -28,7 +28,7 @@ from slam.core.lost_pictures import REDUNDANT
 from slam.core.progress import Progress, silent
 from slam.core.units import unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
-from slam.report.rasters.level_ground import is_level, level_bounds, levelled
+from slam.report.rasters.level_ground import is_level, levelled
 from slam.report.rasters.quality import write_quality
 from slam.report.rasters.surface import MeasuredGround, measure_ground, without_unseen
 
@@ -230,17 +230,7 @@ def _over_ground(made: _Planned, estimate: Estimate) -> tuple[_Planned, Measured
     )
     if not is_level(estimate, plan, ground):
         level = levelled(ground, plan, estimate)
-        again, measured = _planned_over(made, level, estimate, estimate.w_T_b)
-        if not again.plan.left_out.keys() - plan.left_out.keys():
-            return again, measured, estimate.w_T_b
-        # A camera below the level of the floor: the hillside is too long.
-        degrees = np.degrees(np.linalg.norm(estimate.floor_slope_rad))
-        told = (
-            f"the rasters lie in the plane of the ground, which slopes by {degrees:.0f}°, not in the level "
-            "world: lengths along the slope are longer, and heights count from the plane; map parts of the "
-            "hillside alone"
-        )
-        made = replace(made, plan=replace(plan, note="; ".join(filter(None, (plan.note, told)))))
+        return *_planned_over(made, level, estimate, estimate.w_T_b), estimate.w_T_b
     if ground.surface is None:
         return made, ground, over_floor
     return *_planned_over(made, ground, estimate, over_floor), over_floor
@@ -250,11 +240,14 @@ def _planned_over(
     made: _Planned, ground: MeasuredGround, estimate: Estimate, poses: Array
 ) -> tuple[_Planned, MeasuredGround]:
     """Plan the mosaic again over the surface of the ground."""
-    plan, surface = made.plan, ground.surface
+    plan, surface, bounds_m, lowest_m = made.plan, ground.surface, None, 0.0
     assert surface is not None
+    if ground.over_plane is not None:
+        # Cameras over the foot of a hillside may be below the floor, whose height is that at the origin.
+        bounds_m, lowest_m = ground.over_plane.bounds_m, float(surface.height_m.min())
     over = plan_mosaic(
-        plan.camera, poses, estimate.floor_z_m, plan.gsd_m, MAX_MOSAIC_PIXELS, plan.left_out,
-        unit(estimate.metric), surface, {} if ground.in_plane is None else level_bounds(plan, estimate),
+        plan.camera, poses, estimate.floor_z_m + lowest_m, plan.gsd_m, MAX_MOSAIC_PIXELS, plan.left_out,
+        unit(estimate.metric), replace(surface, height_m=surface.height_m - np.float32(lowest_m)), bounds_m,
     )  # fmt: skip
     over = replace(over, note=plan.note)
     pictures = Pictures(over, made.load, CACHE_MB)

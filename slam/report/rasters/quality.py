@@ -51,7 +51,7 @@ def write_quality(
     """
     of_ground = estimate.ground_covariances
     covariances = estimate.over_floor_covariances if of_ground is None else of_ground
-    quality = mosaic_quality(plan, exposure, w_T_b, covariances, estimate.floor_z_m, height_std_m)
+    quality = mosaic_quality(plan, exposure, w_T_b, covariances, height_std_m)
     rows, cols = quality.pictures.shape
     corner = plan.west_m, plan.north_m
     grid = Grid(*corner, quality.cell_m, cols, rows, estimate.origin, estimate.metric)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,17 +31,15 @@ PERCENTS = (50, 95)
 
 
 @dataclass(frozen=True)
-class InPlane:
-    """The cells over the plane of a slope that a surface in the level world shows."""
+class OverPlane:
+    """What was found over the plane of a slope, on the lattice of a surface in the level world."""
 
-    ground: MeasuredGround
-    """The ground over the plane."""
-    cell: NDArray[np.int64]
-    """(rows, cols) number of the cell there; -1 beyond it."""
-
-    def taken(self, values: NDArray[Any], beyond: Any) -> NDArray[Any]:
-        """Return (rows, cols) the values of cells over the plane."""
-        return np.where(self.cell >= 0, values.ravel()[self.cell], beyond)
+    pits: Mask
+    """(rows, cols) measured heights that are doubted."""
+    height_std_m: Float32
+    """(rows, cols) standard deviation of the heights; NaN beyond the plane."""
+    bounds_m: Mapping[int, Array]
+    """Pose number -> bounds (4,) in the level world of the ground in its picture."""
 
 
 @dataclass(frozen=True)
@@ -52,23 +50,22 @@ class MeasuredGround:
     surface: Surface | None
     """None where nothing shows that the ground is not flat."""
     over_surface: Misregistration | None = None
-    in_plane: InPlane | None = None
-    """Cells over the plane of a slope that the surface shows; None where the plane is level."""
+    over_plane: OverPlane | None = None
+    """None where the plane of the ground is level."""
 
     @cached_property
     def pits(self) -> Mask:
         """(rows, cols) measured heights of the surface that are doubted."""
         assert self.surface is not None
-        if self.in_plane is not None:
-            return self.in_plane.taken(self.in_plane.ground.pits, False)
+        if self.over_plane is not None:
+            return self.over_plane.pits & self.surface.measured
         return doubted_pits(self.surface)
 
     @cached_property
     def height_std_m(self) -> Float32 | None:
         """(rows, cols) standard deviation of the heights of the surface; None without one."""
-        over_plane = None if self.in_plane is None else self.in_plane.ground.height_std_m
-        if self.in_plane is not None and over_plane is not None:
-            return self.in_plane.taken(over_plane, np.float32(np.nan))
+        if self.over_plane is not None:
+            return self.over_plane.height_std_m
         return None if self.surface is None else height_stds(self.surface, self.pits)
 
     @cached_property

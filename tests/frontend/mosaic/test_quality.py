@@ -63,7 +63,7 @@ def test_each_cell_counts_the_pictures_that_contain_its_centre():
     black = np.zeros((120, 160, 3), np.uint8)
     pictures = Pictures(plan, lambda k: black + 100)
     exposure = measure_exposure(plan, pictures)
-    quality = mosaic_quality(plan, exposure, w_T_b, np.tile(1e-6 * np.eye(6), (12, 1, 1)), FLOOR_Z_M)
+    quality = mosaic_quality(plan, exposure, w_T_b, np.tile(1e-6 * np.eye(6), (12, 1, 1)))
     rows, cols = plan.owner.shape
     assert quality.cell_m == pytest.approx(CELL_PX * 0.01)
     for r in range(0, rows, 3):
@@ -94,7 +94,7 @@ def test_seam_band_shows_where_pictures_disagree():
         return picture
 
     exposure = measure_exposure(plan, Pictures(plan, load))
-    quality = mosaic_quality(plan, exposure, w_T_b, np.tile(1e-6 * np.eye(6), (3, 1, 1)), FLOOR_Z_M)
+    quality = mosaic_quality(plan, exposure, w_T_b, np.tile(1e-6 * np.eye(6), (3, 1, 1)))
     patch = CAMERA.floor_H_image(w_T_b[1], FLOOR_Z_M) @ [79.5, 44.5, 1]
     x, y = patch[:2] / patch[2]
     at = int((plan.north_m - y) / quality.cell_m), int((x - plan.west_m) / quality.cell_m)

@@ -94,7 +94,8 @@ def test_a_box_on_a_slope_stands_where_its_points_are(plan, slope_rad):
     plane = -(turn[0, 2] * x + turn[1, 2] * y) / turn[2, 2]
     assert np.abs(level.height_m - plane)[floor].max() < 1e-5
     assert level.std_m[r, c] == pytest.approx(0.01 / turn[2, 2])
-    assert ground.pits.shape == ground.height_std_m.shape == level.height_m.shape
+    assert ground.height_std_m[r, c] == pytest.approx(0.01 / turn[2, 2])
+    assert ground.pits.shape == level.height_m.shape
 
 
 def test_a_slope_counts_where_it_moves_ground_by_a_pixel_or_a_height_by_a_cell(plan):

@@ -13,7 +13,7 @@ import rasterio
 
 import slam.report.rasters.mosaic
 from slam.core.errors import InputError
-from slam.core.estimate import Estimate
+from slam.core.estimate import Estimate, over_floor
 from slam.core.flight import Flight, Frames, GeoOrigin
 from slam.report.rasters.mosaic import write_chain_picture, write_mosaic
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, smooth_floor, survey
@@ -58,6 +58,21 @@ def scene(seed: int = 1) -> tuple[Estimate, Flight, list[np.ndarray | None]]:
         Flight("made", camera=CAMERA, frames=Frames(np.arange(2.0 * n), names, frames.__getitem__)),
         frames,
     )
+
+
+def test_pictures_from_below_the_floor_show_the_foot_of_a_hillside(tmp_path: Path) -> None:
+    """The floor has the height of the origin: far down the slope it lies above the cameras."""
+    estimate, flight, _ = scene()
+    over_plane = estimate.w_T_b.copy()
+    over_plane[:, 1, 3] -= 12.0
+    down = over_floor(over_plane, (-0.4, 0.0), FLOOR_Z_M)
+    assert (down[:, 2, 3] < FLOOR_Z_M).all()
+    estimate = dataclasses.replace(estimate, w_T_b=down, floor_slope_rad=(0.4, 0.0))
+    files = write_mosaic(estimate, flight, tmp_path, 2 * COARSE_M)
+    assert files.left_out == {}
+    assert files.pictures + files.redundant == 12
+    assert files.ground.surface is not None
+    assert files.ground.surface.height_m.max() < -12.0 * np.sin(0.4) / 2
 
 
 def test_files_hold_the_floor_where_it_lies(tmp_path: Path) -> None:
