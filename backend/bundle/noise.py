@@ -28,9 +28,8 @@ _MAX_LAG = 5
 """Largest lag of the autocorrelation along a track, in keyframes."""
 _MIN_PIXEL_SCALE = 0.01
 """Lower limit of the pixel scale: pictures without noise would reduce it to zero over the rounds."""
-_TOLERANCE = 0.15
-"""Relative difference below which noise levels count as equal: slightly above the spacing of tried
-reliefs."""
+TOLERANCE = 0.15
+"""Relative difference below which noise levels count as equal: just above the spacing of tried reliefs."""
 _SIMILARITY = 7.0
 """Degrees of freedom by which control points place a map: position, attitude and scale."""
 STUDENT_SCALE = 0.831
@@ -44,6 +43,7 @@ def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels
     return NoiseLevels(
         pixel_scale=1.0,
         relief=config.start_relief,
+        slope_rad=config.slope_std_rad,
         roll_pitch_rad=float(np.median(tilt)) if tilt else np.inf,
         position_m=_stated_position_noise(measurements),
         range_m=float(np.median(ranges)) if ranges else np.inf,
@@ -64,7 +64,7 @@ def _median_of_finite(x: Array) -> float:
 def same_noise(one: NoiseLevels, other: NoiseLevels) -> bool:
     """Return whether two sets of noise levels agree within the tolerance."""
     return all(
-        np.allclose(getattr(one, f.name), getattr(other, f.name), _TOLERANCE) for f in fields(NoiseLevels)
+        np.allclose(getattr(one, f.name), getattr(other, f.name), TOLERANCE) for f in fields(NoiseLevels)
     )
 
 

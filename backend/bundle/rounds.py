@@ -14,7 +14,7 @@ from backend.bundle.inertial.graph import without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise
 from backend.bundle.lens import is_uncertain
 from backend.bundle.minimise import BundleCost, BundleMinimum, BundleOptimum, minimise_bundle
-from backend.bundle.noise import estimate_noise, same_noise
+from backend.bundle.noise import TOLERANCE, estimate_noise, same_noise
 from backend.bundle.position_redundancy import absorbed_positions
 from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, ReportedNoise
@@ -25,8 +25,6 @@ _BEFORE, _LAST = (30, 1e-3), (300, 1e-5)
 and of the last. The error is half of a chi-square variable, and few observations make it flat, because of its
 robust losses: two pictures of trees took up to 117 small steps, while maps of a block converge within 30."""
 
-_GROWS = 1.15
-"""Ratio above which the ground slopes by more than its prior: noise levels count as equal up to 15 %."""
 _ANY_SLOPE_RAD = 0.6
 """Standard deviation of a slope that may be any: twice of it is steeper than any ground that is mapped."""
 
@@ -52,6 +50,7 @@ def solve_rounds(
     used = np.ones(len(tracks.track), bool)
     first, iterations = noise, 0
     settled = False
+    of_any_slope: int | None = None  # the round with a prior that any slope fits
     for number in range(config.rounds):
         if number == 1 and is_uncertain(camera) and len(used) and not problem.self_calibrates:
             # Only now, as the lens is less certain than the poses of a poor initial guess.
@@ -65,7 +64,7 @@ def solve_rounds(
         cost = BundleCost.of(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
         # From a level start, a hillside takes more steps than others to be found.
-        limits = _LAST if last or noise.slope_rad == _ANY_SLOPE_RAD else _BEFORE
+        limits = _LAST if last or number == of_any_slope else _BEFORE
         minimum = minimise_bundle(cost, at, *limits, on_step)
         at, iterations = minimum.at, iterations + minimum.iterations
         if last:
@@ -76,10 +75,10 @@ def solve_rounds(
         absorbed = absorbed_positions(optimum)
         noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
         slope_rad = _slope_std_rad(problem, at)
-        if slope_rad > _GROWS * config.slope_std_rad and first.slope_rad < _ANY_SLOPE_RAD:
+        if slope_rad > (1.0 + TOLERANCE) * noise.slope_rad and of_any_slope is None:
             # What the narrow prior does not explain is no outlier yet, and no noise.
-            used, slope_rad = np.ones(len(tracks.track), bool), _ANY_SLOPE_RAD
-            first = replace(first, slope_rad=slope_rad)
+            of_any_slope, slope_rad = number + 1, _ANY_SLOPE_RAD
+            used = np.ones(len(tracks.track), bool)
             noise = replace(first, inertial=noise.inertial, reported=noise.reported)
         noise = replace(noise, slope_rad=slope_rad)
         if number == 0:

@@ -35,7 +35,7 @@ _ROW = "write x y z u v picture [name] [check]"
 
 
 _Place = tuple[float, float, float | None]
-"""Coordinates as written; None for a height that is NaN."""
+"""x and y as written, and the height in metres; None for a height that is not a number."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,8 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     if not lines:
         raise refusal(path, "is empty", f"{NAME_IT}, and a line for each view of a point")
     first, header = lines[0]
-    if len(header.split()) >= 6 and _numbers(header.split()[:5]) is not None:
+    fields = _fields(header)
+    if len(fields) >= 6 and _numbers(fields[:5]) is not None:
         raise refusal(path, "has a point in its first line, not a coordinate system", NAME_IT, first)
     system = SurveySystem.named(path, first, header)
     if len(lines) > 1 and not any(_numbers([field]) for field in _fields(lines[1][1])[:5]):

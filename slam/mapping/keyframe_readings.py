@@ -48,8 +48,8 @@ def local_value(
         beyond_s = max(stamps_s[0] - t, t - stamps_s[-1], 0.0) if len(stamps_s) else 0.0
         reach_s = max(half_window_s, 3 * beyond_s)
         lo, hi = np.searchsorted(stamps_s, [t - reach_s, t + reach_s])
-        # One sample on each side at least, or there is nothing to interpolate; none where one has this time,
-        # as the angles of photographs have, however far apart these are.
+        # Interpolation needs a sample on each side. One at exactly this time needs no other: photographs have
+        # their own angles, however far apart they are.
         last = np.searchsorted(stamps_s, t, side="right") - 1
         lo = max(0, min(lo, last))
         least = lo + (1 if last >= 0 and stamps_s[last] == t else 2)

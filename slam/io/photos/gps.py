@@ -40,8 +40,8 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
             "pictures alone place them"
         )
     fixes = [positions[k] for k in known]
-    altitude_m, lacking = _altitudes(fixes)
-    remarks += lacking
+    altitude_m, remark = _altitudes(fixes)
+    remarks += remark
     gap_m = np.abs(altitude_m - _column(fixes, "exif_altitude_m"))
     if (gap_m > 1).any():
         remarks.append(
@@ -64,7 +64,8 @@ def _altitudes(fixes: Sequence[PhotoPosition]) -> tuple[Array, list[str]]:
     """Return the altitudes (n,), NaN where there is none, and a remark where some are missing."""
     altitude_m = _column(fixes, "altitude_m")
     # A receiver gives no two altitudes of exactly 0: programs write it where none is known.
-    zeros = len(fixes) > 1 and bool((altitude_m == 0).all())
+    written_m = altitude_m[np.isfinite(altitude_m)]
+    zeros = len(written_m) > 1 and not written_m.any()
     if zeros:
         altitude_m = np.full(len(fixes), np.nan)
     lacking = int(np.isnan(altitude_m).sum())
@@ -73,7 +74,7 @@ def _altitudes(fixes: Sequence[PhotoPosition]) -> tuple[Array, list[str]]:
     if lacking < len(fixes):
         none = f"{lacking} of {len(fixes)} GPS positions {either(lacking, 'has', 'have')} no altitude"
         return altitude_m, [f"{none}: the others alone tell the height"]
-    none = "altitude 0 in every photograph, which is none" if zeros else "no GPS position has an altitude"
+    none = "altitude 0 wherever one is written, which is none" if zeros else "no GPS position has an altitude"
     return altitude_m, [
         f"{none}: heights count from the floor, and nothing tells where that lies above the sea; copy the "
         "originals with their tags, or give control points with heights (--gcp)"

@@ -5,24 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from slam.core.flight import Flight
-from slam.mapping.calibration.attitude_floor_tilt import (
-    NOTABLE_RAD,
-    SURE,
-    ZERO_STDS,
-    attitude_floor_tilt,
-)
+from slam.mapping.calibration.attitude_floor_tilt import NOTABLE_RAD, SURE, ZERO_STDS, AttitudeFloorTilt
 from slam.mapping.map import Map
 
 
-def lean_warning(flight: Flight, map_: Map) -> str:
+def lean_warning(flight: Flight, map_: Map, tilt: AttitudeFloorTilt | None) -> str:
     """Return a warning where the attitude leans against a map that heights on Earth hold; empty elsewhere.
 
     Heights in another unit make slopes of what is level, and take the attitude for noise.
     """
-    if not map_.georeferenced or map_.bundle is None or flight.attitude is None or flight.parts:
-        return ""
-    tilt = attitude_floor_tilt(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
-    if tilt is None:
+    if tilt is None or not map_.georeferenced or map_.bundle is None or flight.attitude is None:
         return ""
     (size, std), stated = tilt.steadier, float(max(flight.attitude.noise_std_rad[:2]))
     if size < max(ZERO_STDS * stated, NOTABLE_RAD) + SURE * std:

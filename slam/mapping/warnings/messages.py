@@ -101,7 +101,7 @@ def messages(
         *not_placed_warnings(not_placed),
         *lost_picture_warnings(flight, observations),
         *_moving(observations, shared),
-        attitude_floor_tilt_warning(tilt),
+        _over_floor(map_, tilt),
         mount_warning(mount, flight.camera_file),
         clock_warning(map_.clock, context.clock),
         _refuted_antenna(context, map_),
@@ -177,9 +177,9 @@ def _reasons(
         ),
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
-        attitude_floor_tilt_warning(tilt) if tilt is not None and tilt.is_too_large else "",
+        _over_floor(map_, tilt) if tilt is not None and tilt.is_too_large else "",
         slope_by_attitude_warning(map_),
-        lean_warning(flight, map_),
+        lean_warning(flight, map_, tilt),
         _stuck_ranges(flight, map_) or _range_contradiction(context, map_),
         *_motion_warnings(flight, map_, by_metres),
         clock_contradiction(map_.clock, context.clock)
@@ -244,10 +244,15 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
 
 
 def _tilt(context: Context, map_: Map) -> AttitudeFloorTilt | None:
-    """Return the tilt of the attitude against the floor; None where positions determine the slope."""
-    if map_.georeferenced or context.flight.parts:
+    """Return the tilt of the attitude against the map; None in a joint map: each flight may have its own."""
+    if context.flight.parts:
         return None
     return attitude_floor_tilt(context.flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
+
+
+def _over_floor(map_: Map, tilt: AttitudeFloorTilt | None) -> str:
+    """Return the warning of a tilt against the floor; none where positions determine the slope."""
+    return "" if map_.georeferenced else attitude_floor_tilt_warning(tilt)
 
 
 def _range_contradiction(context: Context, map_: Map) -> str:

@@ -15,11 +15,12 @@ def unknown_focal_warning(flight: Flight, map_: Map) -> str:
     An estimate from pictures of ground that is nearly flat is weak, and relief displaces it. The result is
     empty where a focal length is told, if only by a tag.
     """
-    lens = None if map_.bundle is None else map_.bundle.lens
     camera = flight.camera
-    if lens is None or camera is None or camera.focal_std_ratio < UNKNOWN_FOCAL_STD_RATIO:
+    if camera is None or camera.focal_std_ratio < UNKNOWN_FOCAL_STD_RATIO:
         return ""
-    known = float((lens.std[FOCAL] / lens.calibration[FOCAL]).max())
+    lens, known = None if map_.bundle is None else map_.bundle.lens, camera.focal_std_ratio
+    if lens is not None:
+        known = float((lens.std[FOCAL] / lens.calibration[FOCAL]).max())
     if known <= NOMINAL_FOCAL_STD_RATIO:
         return ""
     return (

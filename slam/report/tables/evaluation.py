@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from backend.wording import counted
 from slam.core.estimate import MAP_TRAJECTORIES
 from slam.core.figure_table import UNKNOWN, FigureTable
 from slam.core.units import length
@@ -92,7 +93,7 @@ def _map_against_truth(evaluation: Evaluation) -> str:
     whom = "the true path recorded with the flight" if evaluation.reference == "truth" else "the GPS"
     error = evaluation.ate_m
     if not np.isfinite(error.rmse):
-        return f"Only {evaluation.associated} keyframe can be compared, which says nothing about the errors."
+        return f"{counted(evaluation.associated, 'keyframe')} can be compared, too few to tell errors."
     text = (
         f"Typically {length(error.rmse)} and at most {length(error.max)}, compared with {whom}, at "
         f"the cameras of {evaluation.associated} keyframes."

@@ -132,6 +132,7 @@ def test_degrees_are_longitude_first_and_points_without_a_name_have_numbers(tmp_
         (["Gauss-Krueger", *ROWS], ["line 1", "no coordinate system that is known"]),
         (["WGS84 UTM 61N", *ROWS], ["line 1", "no coordinate system that is known"]),
         (ROWS, ["line 1", "a point in its first line", "EPSG:32632"]),
+        ([ROWS[0].replace(" ", ",")], ["line 1", "a point in its first line"]),
         ([*UTM, ROWS[0], "465005.0 5249995.0 402.5 100"], ["line 3", "4 fields", "x y z u v picture"]),
         ([*UTM, ROWS[0].replace("100.5", "left")], ["line 2", "'left' where a number is needed"]),
         ([*UTM, ROWS[0].replace("100.5", "nan")], ["line 2", "'nan' where a number is needed"]),

@@ -81,7 +81,7 @@ def test_absurd_altitudes_are_refused_by_name(tmp_path, tags, left):
 
 @pytest.mark.parametrize(
     ("altitude", "words"),
-    [(0, "altitude 0 in every photograph, which is none"), (None, "no GPS position has an altitude")],
+    [(0, "altitude 0 wherever one is written, which is none"), (None, "no GPS position has an altitude")],
 )
 def test_a_set_without_any_altitude_says_that_its_heights_count_from_the_floor(tmp_path, altitude, words):
     times = ("2024:05:06 07:08:01", "2024:05:06 07:08:02")
@@ -90,6 +90,12 @@ def test_a_set_without_any_altitude_says_that_its_heights_count_from_the_floor(t
     assert np.isnan(flight.gps.altitude_m).all()
     assert "heights count from the floor" in remark(flight, words)
     assert not flight.geo_origin().altitude_known
+
+
+def test_zeros_beside_missing_altitudes_are_none_either(tmp_path):
+    times = [f"2026:01:01 10:00:0{k}" for k in range(3)]
+    files = {f"{k}.jpg": jpeg(altitude=each, time=times[k]) for k, each in enumerate((0, None, 0))}
+    assert np.isnan(import_photos(fill(tmp_path, files)).gps.altitude_m).all()
 
 
 def test_one_photograph_may_be_at_altitude_zero(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slam.core.flight import AttitudeSeries, Flight
+from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.warnings.lean import lean_warning
 
 STAMPS_S = 4.0 * np.arange(12)
@@ -25,11 +26,9 @@ def lean(lean_deg: float, control: bool, georeferenced: bool = True) -> str:
     map_ = SimpleNamespace(
         georeferenced=georeferenced,
         bundle=SimpleNamespace(optimum=SimpleNamespace(problem=SimpleNamespace(measurements=measured))),
-        observations=SimpleNamespace(stamps_s=STAMPS_S),
-        w_T_b=w_T_b,
-        of_main=lambda poses: poses,
     )
-    return lean_warning(Flight("photos", attitude=attitude), map_)
+    flight = Flight("photos", attitude=attitude)
+    return lean_warning(flight, map_, attitude_floor_tilt(flight, STAMPS_S, w_T_b))
 
 
 @pytest.mark.parametrize(("control", "which"), [(True, "control points"), (False, "positions")])

@@ -26,6 +26,6 @@ def test_one_that_either_tells_is_none(told: float, found: float) -> None:
     assert warning(told, found) == ""
 
 
-def test_a_map_without_refinement_has_no_lens_to_doubt() -> None:
+def test_a_map_without_an_estimate_of_the_lens_knows_it_no_better_than_before() -> None:
     flight = SimpleNamespace(camera=SimpleNamespace(focal_std_ratio=UNKNOWN_FOCAL_STD_RATIO))
-    assert unknown_focal_warning(flight, SimpleNamespace(bundle=None)) == ""
+    assert "these pictures tell it to 30" in unknown_focal_warning(flight, SimpleNamespace(bundle=None))
