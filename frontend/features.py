@@ -15,7 +15,7 @@ from frontend.camera import Camera
 from frontend.cores import usable_cores
 from frontend.detections import Detections
 from frontend.feature_kinds import FeatureKind
-from frontend.gradient_histograms import described
+from frontend.gradient_histograms import descriptors
 from frontend.points import Points
 from frontend.rectification import rectifier
 from frontend.robust import median
@@ -34,11 +34,11 @@ FINEST_OCTAVE = 0xFF
 """The octave of the doubled picture, -1, in the lowest byte of SIFT's ``KeyPoint.octave``. Given points of
 coarser octaves alone, OpenCV describes them without doubling the picture: the descriptors differ slightly."""
 LARGEST_BY_OPENCV_PX = 640
-"""Longest side of the pictures that OpenCV's SIFT searches. `frontend.scale_space` takes half of its time for
-photographs, but more than half for pictures of 320 px."""
-MOST_PX_AT_ONCE = 12_000_000
-"""Pixels of the pictures that are searched at a time. The scale space of a picture takes 85 bytes a pixel:
-1 GB."""
+"""Longest side of the pictures that OpenCV's SIFT searches. `frontend.scale_space` takes 0.4 to 0.5 of its
+time at 640 and 1200 px, and 0.6 to 0.7 at 320 px. Maps of video, whose pictures are small, have been measured
+with OpenCV's alone."""
+MOST_PX_AT_ONCE = 9_000_000
+"""Pixels of the pictures that are searched at a time. A search takes 109 bytes a pixel at its peak: 1 GB."""
 SMALLEST_PX = 16
 """Smallest side of a picture. Smaller pictures give no features, as some pyramids would have empty levels."""
 
@@ -176,16 +176,16 @@ class Extractor:
     def _in_scale_space(self, grey: Image, mask: Image | None) -> _Described | None:
         """Return the points of a grey picture that are kept, by SIFT; None without any."""
         space = ScaleSpace.of(grey)
-        extrema = space.extrema()
+        keypoints = space.keypoints()
         if mask is not None:
-            column, row = np.rint(extrema.pixel).astype(np.int64).T
-            extrema = extrema[np.flatnonzero(mask[row, column])]
-        attributes = np.stack([extrema.size_px, extrema.response])
-        found = Detections.of(extrema.pixel, attributes, grey.shape[::-1])
-        kept = extrema[found.strongest(self.config.max_features)]
+            column, row = np.rint(keypoints.pixel).astype(np.int64).T
+            keypoints = keypoints[np.flatnonzero(mask[row, column])]
+        attributes = np.stack([keypoints.size_px, keypoints.response])
+        found = Detections.of(keypoints.pixel, attributes, grey.shape[::-1])
+        kept = keypoints[found.strongest(self.config.max_features)]
         if len(kept) == 0:
             return None
-        return _Described(kept.pixel, kept.size_px, kept.response, described(space, kept))
+        return _Described(kept.pixel, kept.size_px, kept.response, descriptors(space, kept))
 
     def _by_opencv(self, grey: Image, mask: Image | None) -> _Described | None:
         """Return the points of a grey picture that are kept, by OpenCV; None without any."""

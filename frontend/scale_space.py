@@ -1,7 +1,7 @@
-"""Spots of a picture: extrema of differences of Gaussians in the scale space of the doubled picture.
+"""Keypoints of a picture: extrema of differences of Gaussians in the scale space of the doubled picture.
 
 They are those of OpenCV's SIFT, which takes twice the time for photographs: whole pictures are filtered and
-compared here in integers of 16 bits, and all spots refined at once. Source: Lowe 2004, sections 3 and 4.
+compared here in integers of 16 bits, and all keypoints refined at once. Source: Lowe 2004, sections 3 and 4.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ Ints = NDArray[np.int64]
 Short = NDArray[np.int16]
 
 LAYERS = 3
-"""Layers of an octave that spots are found in, as in the source."""
+"""Layers of an octave that keypoints are found in, as in the source."""
 PICTURES = LAYERS + 3
 """Blurred pictures of an octave: a difference above and below each of those layers."""
 SIGMA_PX, CAMERA_SIGMA_PX = 1.6, 0.5
 """Blur of the first picture of an octave, and of the camera's pictures, as in the source."""
 CONTRAST = 0.01
-"""Least contrast of a spot, as a share of white, times ``LAYERS``. Dark floors need a low one."""
+"""Least contrast of a keypoint, as a share of white, times ``LAYERS``. Dark floors need a low one."""
 EDGE_RATIO = 12.0
 """Largest ratio of the curvatures across and along an edge."""
 FRACTION = 64
@@ -33,7 +33,7 @@ WHITE = 255
 SMALLEST_SIDE_PX = 16
 """Smallest side of an octave."""
 BORDER_PX = 5
-"""Width of the border of an octave in which no spots are sought, as in OpenCV."""
+"""Width of the border of an octave in which no keypoints are sought, as in OpenCV."""
 STRIP_ROWS = 96
 """Rows of an octave that are searched at a time: their arrays stay in the cache of a core."""
 STEPS = 5
@@ -52,8 +52,8 @@ _NEIGHBOURS = np.concatenate([np.zeros((1, 3), int), _ALONG, _ACROSS])
 
 
 @dataclass(frozen=True)
-class ScaleExtrema:
-    """Spots of a picture."""
+class Keypoints:
+    """Keypoints of a picture."""
 
     octave: Ints
     """(n,) 0 is the doubled picture; each next one has half the pixels along each side."""
@@ -69,8 +69,8 @@ class ScaleExtrema:
     def __len__(self) -> int:
         return len(self.octave)
 
-    def __getitem__(self, which: Ints) -> ScaleExtrema:
-        return ScaleExtrema(
+    def __getitem__(self, which: Ints) -> Keypoints:
+        return Keypoints(
             self.octave[which], self.layer[which], self.at_px[which], self.sigma_px[which],
             self.response[which],
         )  # fmt: skip
@@ -92,7 +92,8 @@ class ScaleSpace:
     """Blurred pictures of all octaves, and their differences."""
 
     blurred: list[list[Short]]
-    """``PICTURES`` of each octave, in units of 1 / ``FRACTION`` grey level."""
+    """Pictures of each octave in which keypoints are described, one a layer; the unit is 1 / ``FRACTION``
+    grey level."""
     difference: Short
     """Differences of subsequent pictures of all octaves, one after the other."""
     begin: Ints
@@ -110,17 +111,18 @@ class ScaleSpace:
         first = _blurred(np.asarray(fine, dtype=np.int16), 2 * CAMERA_SIGMA_PX, SIGMA_PX)
         octaves: list[list[Short]] = []
         for shape, start in zip(shapes, begin, strict=False):
-            octave = [first]
             between = difference[start : start + (PICTURES - 1) * first.size].reshape(-1, *shape)
+            layers, last = list[Short](), first
             for k in range(PICTURES - 1):
-                octave.append(_blurred(octave[-1], _BLUR_PX[k], _BLUR_PX[k + 1]))
-                cv2.subtract(octave[k + 1], octave[k], dst=between[k])
-            octaves.append(octave)
-            first = np.ascontiguousarray(octave[LAYERS][::2, ::2])
+                following = _blurred(last, _BLUR_PX[k], _BLUR_PX[k + 1])
+                cv2.subtract(following, last, dst=between[k])
+                layers, last = [*layers, following][:LAYERS], following
+            octaves.append(layers)
+            first = np.ascontiguousarray(layers[-1][::2, ::2])
         return ScaleSpace(octaves, difference, begin)
 
-    def extrema(self) -> ScaleExtrema:
-        """Return all spots, octave by octave."""
+    def keypoints(self) -> Keypoints:
+        """Return all keypoints, octave by octave."""
         shape = np.array([octave[0].shape for octave in self.blurred])
         coarse = [
             _extrema(self.difference[a:b].reshape(-1, *size), octave)
@@ -132,7 +134,7 @@ class ScaleSpace:
             stride = np.stack([height * width, width, unit], axis=1)
             index = self.begin[at[0]] + np.einsum("nk,kn->n", stride, at[1:])
             fit = _Fit.of(self.difference[index + _NEIGHBOURS @ stride.T].astype(np.float32))
-            kept = fit.is_inside & fit.is_spot
+            kept = fit.is_inside & fit.is_distinct
             found.append(np.vstack([index[kept], at[:, kept], fit.offset[:, kept], fit.contrast[kept]]))
             at = at[:, fit.is_near & ~fit.is_inside]
             at[1:] += np.rint(fit.offset[:, fit.is_near & ~fit.is_inside]).astype(np.int64)
@@ -142,7 +144,7 @@ class ScaleSpace:
         each = np.concatenate(found, axis=1)
         _, once = np.unique(each[0], return_index=True)  # several steps may end at one extremum
         _, octave, layer, row, column, *offset, contrast = each[:, once]
-        return ScaleExtrema(
+        return Keypoints(
             octave.astype(np.int64), layer.astype(np.int64),
             np.stack([column + offset[2], row + offset[1]], axis=1),
             SIGMA_PX * 2.0 ** ((layer + offset[0]) / LAYERS), contrast / FRACTION,
@@ -152,7 +154,7 @@ class ScaleSpace:
 def _blurred(picture: Short, before_px: float, after_px: float) -> Short:
     """Return a picture of blur ``before_px`` with the blur ``after_px``."""
     sigma = float(np.sqrt(after_px**2 - before_px**2))
-    side = 2 * int(np.ceil(3.5 * sigma)) + 1  # the rest of the Gaussian is less than a unit of most pictures
+    side = 2 * int(np.ceil(3.5 * sigma)) + 1  # beyond that it changes most pictures by less than their unit
     return np.asarray(cv2.GaussianBlur(picture, (side, side), sigma), dtype=np.int16)
 
 
@@ -206,7 +208,7 @@ class _Fit:
     """(n,) whether there is an extremum not far from the pixel."""
     is_inside: NDArray[np.bool_]
     """(n,) whether it is within the pixel and the layer."""
-    is_spot: NDArray[np.bool_]
+    is_distinct: NDArray[np.bool_]
     """(n,) whether it has enough contrast and is not on an edge."""
 
     @staticmethod

@@ -244,9 +244,9 @@ def test_number_of_features_grows_with_the_width_up_to_the_reduction() -> None:
 
 @pytest.mark.parametrize(
     ("size_px", "cores", "at_once"),
-    [((320, 240), 2, 2), ((320, 240), 16, 16), ((4000, 3000), 16, 11), ((4000, 3000), 1, 1)],
+    [((320, 240), 2, 2), ((320, 240), 16, 16), ((4000, 3000), 16, 8), ((4000, 3000), 1, 1)],
 )
 def test_pictures_searched_at_once_are_limited_by_cores_and_memory(monkeypatch, size_px, cores, at_once):
-    """Photographs are reduced to 1200 x 900 pixels: eleven of them take 1 GB."""
+    """Photographs are reduced to 1200 x 900 pixels: eight of them take 1 GB."""
     monkeypatch.setattr("frontend.features.usable_cores", lambda: cores)
     assert FeatureConfig().searched_at_once(size_px) == at_once

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.detections import Detections
 from frontend.features import Extractor, FeatureConfig, Features
-from frontend.gradient_histograms import described
+from frontend.gradient_histograms import descriptors
 from frontend.matching import match
 from frontend.points import Points
 from frontend.scale_space import ScaleSpace
@@ -20,7 +20,7 @@ Picture = NDArray[np.uint8]
 
 
 def blob(x: float, y: float, sigma: float, contrast: float = 80.0) -> Picture:
-    """A Gaussian spot on a picture of 90 x 70 pixels."""
+    """A Gaussian blob on a picture of 90 x 70 pixels."""
     column, row = np.meshgrid(np.arange(90), np.arange(70))
     rise = contrast * np.exp(-((column - x) ** 2 + (row - y) ** 2) / (2 * sigma**2))
     return np.rint(100 + rise).astype(np.uint8)
@@ -28,30 +28,30 @@ def blob(x: float, y: float, sigma: float, contrast: float = 80.0) -> Picture:
 
 def features(picture: Picture, limit: int = 600) -> Features:
     space = ScaleSpace.of(picture)
-    every = space.extrema()
+    every = space.keypoints()
     attributes = np.stack([every.size_px, every.response])
     chosen = Detections.of(every.pixel, attributes, (picture.shape[1], picture.shape[0])).strongest(limit)
-    return Features(Points.alike(every[chosen].pixel), described(space, every[chosen]))
+    return Features(Points.alike(every[chosen].pixel), descriptors(space, every[chosen]))
 
 
 @pytest.mark.parametrize("sigma", [3.0, 5.0, 9.0])
 @pytest.mark.parametrize("contrast", [80.0, -60.0])
-def test_a_gaussian_spot_is_found_in_its_place_and_size(sigma: float, contrast: float) -> None:
-    """The difference of Gaussians is extreme where their blur is that of the spot, less a layer's half."""
-    found = ScaleSpace.of(blob(44.3, 33.6, sigma, contrast)).extrema()
+def test_a_gaussian_blob_is_found_in_its_place_and_size(sigma: float, contrast: float) -> None:
+    """The difference of Gaussians is extreme where their blur is that of the blob, less a layer's half."""
+    found = ScaleSpace.of(blob(44.3, 33.6, sigma, contrast)).keypoints()
     best = int(np.argmax(found.response))
     np.testing.assert_allclose(found.pixel[best], [44.3, 33.6], atol=0.02 * sigma)
     assert found.size_px[best] / 2 == pytest.approx(sigma * 2 ** (-1 / 6), rel=0.05)
 
 
-def test_faint_spots_and_edges_are_left_out() -> None:
-    assert len(ScaleSpace.of(blob(44.0, 33.0, 4.0, 80.0)).extrema()) > 0
-    assert len(ScaleSpace.of(blob(44.0, 33.0, 4.0, 2.0)).extrema()) == 0
+def test_faint_blobs_and_edges_are_left_out() -> None:
+    assert len(ScaleSpace.of(blob(44.0, 33.0, 4.0, 80.0)).keypoints()) > 0
+    assert len(ScaleSpace.of(blob(44.0, 33.0, 4.0, 2.0)).keypoints()) == 0
     edge = np.where(np.arange(90) < 40, 60, 160).astype(np.uint8)
-    assert len(ScaleSpace.of(np.tile(edge, (70, 1))).extrema()) == 0
+    assert len(ScaleSpace.of(np.tile(edge, (70, 1))).keypoints()) == 0
 
 
-def test_spots_and_descriptions_are_those_of_opencv() -> None:
+def test_keypoints_and_descriptions_are_those_of_opencv() -> None:
     picture = texture(np.random.default_rng(2), 320, 240, 3.0)
     sift = cv2.SIFT_create(contrastThreshold=0.01, edgeThreshold=12, enable_precise_upscale=True)
     points, theirs = sift.detectAndCompute(picture, None)
