@@ -2,7 +2,7 @@
 
 The separation in sigmas is that of the first term's size, with the other term and the nuisances free. Without
 commands, motions of a hand are tried as well; the columns of the effects are then those of the inertial
-comparisons and of pictures, with the noise of the flights at hand.
+comparisons, and of points of a bare floor (`planned_matches`), with the noise of the flights at hand.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from slam.criticism.without_commands.sensor_comparison import airborne_record, w
 from slam.criticism.without_commands.whitened_rows import WhitenedRows, inertial_residuals
 from slam.data_quality.pictures.cells import CELL_STEPS, Cells
 from slam.data_quality.pictures.feature_matches import MATCHES, STEPS, FeatureMatches
-from slam.data_quality.pictures.tones import FEWEST
+from slam.data_quality.pictures.tones import FEWEST as FEWEST_POINTS
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight, simulate_readings
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
@@ -275,7 +275,7 @@ def planned_matches(record: Record, parameters: FilterParameters, like: FeatureM
     edge = 0.5 * grid.min(axis=0)
     kept = ((pixel_i > edge) & (pixel_i < like.camera.size_px - edge)).all(axis=1)
     # Pictures with too little overlap cannot be registered.
-    kept &= np.repeat(kept.reshape(-1, GRID**2).sum(axis=1) >= FEWEST, GRID**2)
+    kept &= np.repeat(kept.reshape(-1, GRID**2).sum(axis=1) >= FEWEST_POINTS, GRID**2)
     i, j, pixel_i, pixel_j = i[kept], j[kept], pixel_i[kept], pixel_j[kept]
     rng = np.random.default_rng(0)
     near = np.isin(j - i, CELL_STEPS)

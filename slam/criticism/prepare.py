@@ -1,4 +1,4 @@
-"""Preparation of flights for the search: records, thresholds, filter runs, readings that are taken out."""
+"""Preparation of flights for the search: records, thresholds, filter runs, anomalous readings."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from slam.criticism.kalman.readings import (
     channels_of,
 )
 from slam.criticism.kalman.record import LONGEST_GAP_S, Record, any_holds_heading, record_of
+from slam.criticism.residuals.corrected_readings import without_boxes, without_jitter
 from slam.criticism.residuals.reading_anomalies import quantisation_in, without_dead_zone
-from slam.criticism.residuals.readings_taken_out import without_boxes, without_jitter
 from slam.criticism.search.thresholds import Thresholds, load_thresholds
 from slam.data_quality.command_clock import clock_error
 from slam.data_quality.commands import (

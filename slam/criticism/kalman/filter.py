@@ -3,8 +3,8 @@
 The filter processes the readings in order of time, one scalar at a time. Under the model each innovation
 over its standard deviation is white with variance 1. Their product is the exact likelihood of the flight, up
 to the linearisation. The filter also computes sensitivities: the derivatives of the mean and of each
-innovation with respect to perturbations (see ``perturbations``) at fixed gains. They are the exact linear
-sensitivity of the whitened innovations, with the effect of the filter.
+innovation with respect to perturbations (see ``kernel_inputs.Perturbation``) at fixed gains. They are the
+exact linear sensitivity of the whitened innovations, with the effect of the filter.
 """
 
 from __future__ import annotations

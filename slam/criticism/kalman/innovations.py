@@ -117,6 +117,11 @@ def whole(record: Record, parameters: FilterParameters) -> FilterPass:
     return run.passed()
 
 
+def segment_bounds(events: int, segments: int) -> Ints:
+    """Return (segments + 1,) the event at which each segment begins, and the end of the last one."""
+    return np.linspace(0, events, segments + 1).astype(np.int64)
+
+
 class Run:
     """A filter run through a flight, segment by segment."""
 
@@ -159,8 +164,7 @@ class Run:
         """Yield the innovations of one segment after the other. Call it once for each run."""
         events, changes = self._filtered.given.events, len(self._filtered.others.p)
         pieces = max(int(np.ceil((events.times_s[-1] - events.times_s[0]) / longest_s)), 1)
-        bounds = np.linspace(0, len(events.times_s), pieces + 1).astype(np.int64)
-        for begin, end in pairwise(bounds.tolist()):
+        for begin, end in pairwise(segment_bounds(len(events.times_s), pieces).tolist()):
             readings = int(np.isfinite(events.values[begin:end]).sum())
             written = self._filtered.written._replace(
                 sensitivity=np.empty((readings, self._filtered.estimate.sensitivity.shape[1])),

@@ -20,7 +20,7 @@ from frontend.cores import in_threads
 from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.innovations import FilterPass, Run, used_innovations, whole
+from slam.criticism.kalman.innovations import FilterPass, Run, segment_bounds, used_innovations, whole
 from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation, Signal
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
@@ -186,7 +186,7 @@ def _segment_terms(run: Run, steps: Array, apart: Ints, weight: Array) -> Iterat
 
 def by_segment(by_event: Array, segments: int) -> Array:
     """Return (segments,) sums of (events,) values over the segments of ``Run.segments``."""
-    ends = np.linspace(0, len(by_event), segments + 1).astype(np.int64)[1:]
+    ends = segment_bounds(len(by_event), segments)[1:]
     segment = np.searchsorted(ends, np.arange(len(by_event)), side="right")
     return np.asarray(np.bincount(segment, weights=by_event, minlength=segments), dtype=float)
 

@@ -192,8 +192,6 @@ def _break(score: Array, information: Array, tolerance: float) -> tuple[int, flo
     return int(last[k]) + 1, float(change[k]), z
 
 
-MOST_PARTS = 1000
-"""Greatest number of parts of a flight."""
 DISAGREE_Z = 4.0
 MOST_EXCESS = 0.5
 """Share of the chi-square that a cause explains, beyond which its parts do not agree on one cause."""
@@ -213,18 +211,18 @@ def _parts_of(
         rows = list(Run(records[k], parameters, perturbations).segments(SEGMENT_S))
         events = np.concatenate([r.events for r in rows])
         time = (records[k].times_s[events] // PART_S).astype(np.int64)
-        channels = np.concatenate([r.channels for r in rows])
-        part = np.column_stack([np.full(len(events), MOST_PARTS * k), MOST_PARTS * k + time, channels])
+        channel = np.concatenate([r.channels for r in rows])
+        part = np.column_stack([np.full(len(events), k), time, channel])
         return np.concatenate([r.sensitivity for r in rows]), np.concatenate([r.white for r in rows]), part
 
     found = in_threads(one, range(len(records)))
     sensitivity, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
     columns, names = [d.name for d in perturbations], [record.name for record in records]
-    parts = []
-    for of_row in part.T:
-        labels, place = np.unique(of_row, return_inverse=True)
-        fisher = FisherInformation.of_rows(columns, sensitivity, white, place, labels // MOST_PARTS)
-        parts.append(Parts(fisher, names, np.asarray(PART_S * (labels % MOST_PARTS))))
+    (flight, time, channel), none, parts = part.T, np.zeros(len(part), np.int64), []
+    for of_row in ((flight, none), (flight, time), (none, channel)):
+        labels, place = np.unique(np.column_stack(of_row), axis=0, return_inverse=True)
+        fisher = FisherInformation.of_rows(columns, sensitivity, white, place.ravel(), labels[:, 0])
+        parts.append(Parts(fisher, names, PART_S * labels[:, 1]))
     return parts
 
 

@@ -2,7 +2,7 @@
 
 Hypotheses are the chosen set, the set without one of its terms, and the set with one of them replaced. Any
 other term replaces it, or any residual pattern that these flights can separate from the term. A single effect
-in place of several is a hypothesis too. Each weighs its maximum likelihood, parameters' cost, and prior.
+in place of several is one too. Each weighs its maximum likelihood, its parameters' cost, and its prior.
 """
 
 from __future__ import annotations
@@ -140,8 +140,8 @@ def _at_saturation(found: SearchResult, saturation: Effect) -> Place:
         return Place((saturation.name, *tied), 0.0, tied[0], tied=tied)
     # The term that explains most in its place, by the expansion without it: the first.
     others = [e for e in found.first.effects if e.is_term and e.name not in chosen]
-    best = found.first.score_tests([], others)[:1]
-    return Place((saturation.name,), np.inf, "".join(s.effect.name for s in best if s.nats > 0.0))
+    best = next((s.effect.name for s in found.first.score_tests([], others)[:1] if s.nats > 0.0), "")
+    return Place((saturation.name,), np.inf, best)
 
 
 def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Place:

@@ -17,6 +17,7 @@ import numpy as np
 from frontend.cores import in_threads
 from slam.core.arrays import Array
 from slam.core.progress import Progress, Tally, silent
+from slam.criticism.cause import JUDGED_HORIZON_S
 from slam.criticism.finding import OutOfRange
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
@@ -32,8 +33,8 @@ from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.verdict.posterior import required_nats
 from slam.criticism.verdict.rollouts import pooled_residuals, rollout_residuals
 
-AHEAD_S, APART_S = 2.0, 1.0
-"""Horizon of roll-outs, and the time by which independent errors of one flight are apart."""
+APART_S = 1.0
+"""The time by which independent errors of one flight are apart."""
 ROUNDS = 25
 SETTLED = 1e-4
 """Least share of the squared errors that a round must remove to be followed by another."""
@@ -209,7 +210,7 @@ class _Rollouts:
         self._records, self._model = records, found.model
         self._rounds = Tally(progress, "fit roll-outs")
         self._states = in_threads(lambda record: whole(record, parameters).states, records)
-        pooled = pooled_residuals(records, self._states, [healthy] * len(records), AHEAD_S, 1.0)
+        pooled = pooled_residuals(records, self._states, [healthy] * len(records), JUDGED_HORIZON_S, 1.0)
         seen = {c: m for c, m in pooled.items() if len(m)}
         spans = [record.duration_s // APART_S for record in records]
         self.independent = len(seen) * float(sum(spans))
@@ -219,7 +220,8 @@ class _Rollouts:
 
     def _by_channel(self, flight: int, parameters: FilterParameters) -> list[Array]:
         """Return the errors of a flight's roll-outs; squares of all sum to 1 for a healthy vehicle."""
-        residuals = rollout_residuals(self._records[flight], self._states[flight], parameters, AHEAD_S, 1.0)
+        record, states = self._records[flight], self._states[flight]
+        residuals = rollout_residuals(record, states, parameters, JUDGED_HORIZON_S, 1.0)
         return [weight * residuals[c] for c, weight in self._weight.items()]
 
     def _left(self, parameters: FilterParameters) -> list[Array]:

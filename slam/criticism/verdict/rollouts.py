@@ -15,7 +15,7 @@ import numpy as np
 from backend.compilation import allocating_kernel
 from frontend.cores import in_threads
 from slam.core.arrays import Array, Ints
-from slam.criticism.cause import Cause, ChannelError
+from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import (
@@ -138,12 +138,9 @@ def _noise_free_readings(
     return predicted
 
 
-AHEAD_S = 2.0
-
-
 @dataclass(frozen=True)
 class ChannelResiduals:
-    """Roll-out errors of one channel over two seconds, against the covariate of one cause."""
+    """Errors of one channel, of roll-outs or of instruments, against the covariate of one cause."""
 
     cause: str
     """Cause whose covariate it is."""
@@ -194,7 +191,7 @@ def covariate(
     states = in_threads(lambda record: whole(record, parameters).states, short)
     pooled = {}
     for name, with_cause in models.items():
-        errors = pooled_residuals(short, states, [with_cause] * len(short), AHEAD_S, 1.0)
+        errors = pooled_residuals(short, states, [with_cause] * len(short), JUDGED_HORIZON_S, 1.0)
         pooled[name] = {(CHANNELS[c], CHANNEL_UNITS[c]): off for c, off in errors.items()}
     return covariate_of(pooled, cause, rival if other is not None else "")
 

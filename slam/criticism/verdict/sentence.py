@@ -30,7 +30,7 @@ _AGAIN = (
 _ADVICE: Mapping[Verdict, tuple[str, str]] = {
     "nothing_wrong": ("simulate with the model as it is.", "none is needed."),
     "ambiguous": (
-        "{use} It predicts flights like these, but perhaps no others.",
+        "{use}{perhaps}",
         "fly the manoeuvres that docs/recipes.md lists for these effects, and judge them together.",
     ),
     "named": (
@@ -55,9 +55,10 @@ def what_to_do(found: Criticism, rest: str, repair: str) -> str:
     """Return what to do after judged flights; ``rest``: about the unexplained, ``repair``: on instruments."""
     corrects = any(CATALOGUE[cause.name].undo is not None for cause in found.causes)
     commands = "slam simulate, slam replay and slam optimize" if corrects else "slam simulate and slam replay"
-    correct = _CORRECT if corrects else "nothing can be corrected."
+    correct = _CORRECT if corrects else "these recordings cannot be corrected afterwards."
     use = correct if found.limits else f"give extended.toml to {commands} by --model."
-    return f"{_ADVICE[found.verdict][0].format(use=use, rest=rest)} {repair}".rstrip()
+    perhaps = "" if found.limits else " It predicts flights like these, but perhaps no others."
+    return f"{_ADVICE[found.verdict][0].format(use=use, perhaps=perhaps, rest=rest)} {repair}".rstrip()
 
 
 def flight_after(found: Criticism) -> str:

@@ -138,23 +138,23 @@ def _growing(effect: Effect) -> Effect:
     return Effect(effect.name + IN_TIME, tuple(growing))
 
 
-KIND = "pictures"
-HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
+PICTURES = "pictures"
+USUAL_STD = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
 """Standard deviations of quantities that differ between healthy flights."""
 _FAINT = 1e-9
 """Information added on errors that nothing in a segment shows."""
-TELLING = 1e-9
+LEAST_SHARE = 1e-9
 """Least share of the information: a combination of errors with less is dropped."""
 CONTRADICTED = 2.0
 """Ratio of residuals to their noise beyond which pictures contradict the path; 1 for healthy flights."""
-FEWEST = 6
+FEWEST_PICTURES = 6
 """Least number of pictures of a segment."""
 PICTURE_COLUMNS = (
     *(n for n in (*CAMERA, *SENSOR) if n.partition(".")[0] in CATALOGUE and n not in UNMEASURED),
     *DELAYS, *PATTERNS,
 )  # fmt: skip
 """Columns of every error that pictures may show."""
-_JUDGED = (*PICTURE_COLUMNS, *HEALTHY)
+_JUDGED = (*PICTURE_COLUMNS, *USUAL_STD)
 
 
 def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> list[WhitenedRows]:
@@ -175,12 +175,12 @@ def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> 
     number, made = (along.times_s // SEGMENT_S).astype(np.int64), []
     for k in np.unique(number).tolist():
         begin, end = np.searchsorted(number, [k, k + 1]).tolist()
-        if end - begin < FEWEST:
+        if end - begin < FEWEST_PICTURES:
             continue
         seen = reprojection_score_along(matches, parameters, along.part(begin, end), perturbations)
         if not seen.rows:
             continue
-        information = seen.information + np.diag([_FAINT] * count + [std**-2.0 for std in HEALTHY.values()])
+        information = seen.information + np.diag([_FAINT] * count + [std**-2.0 for std in USUAL_STD.values()])
         over = np.sqrt(_misfit(seen, information))
         # Healthy differences are marginalised.
         own, rest = slice(0, count), slice(count, None)
@@ -189,7 +189,7 @@ def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> 
         root, white = _roots(information[own, own] - projected @ information[rest, own], own_score)
         off, traces = (white + root @ at) / over, dict(zip(PICTURE_COLUMNS, root.T / over, strict=True))
         made.append(
-            WhitenedRows(KIND, np.full(len(off), (k + 0.5) * SEGMENT_S), off, traces, float(over), None)
+            WhitenedRows(PICTURES, np.full(len(off), (k + 0.5) * SEGMENT_S), off, traces, float(over), None)
         )
     return made
 
@@ -198,7 +198,7 @@ def _roots(information: Array, score: Array) -> tuple[Array, Array]:
     """Return R with R'R = H, and R'^-1 g; R holds the eigenvectors of H with significant eigenvalues."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     known, turned = np.linalg.eigh(information / scale[:, None] / scale)
-    observed = known > TELLING
+    observed = known > LEAST_SHARE
     root, turned = np.sqrt(known[observed]), turned[:, observed].T
     return root[:, None] * turned * scale, turned @ (score / scale) / root
 
@@ -213,7 +213,7 @@ def _misfit(seen: LikelihoodScore, information: Array) -> float:
 
 def contradiction(rows: FlightRows) -> list[Remark]:
     """Return whether pictures and path disagree by more than all errors together explain."""
-    over = [r.noise for flight in rows for r in flight if r.kind == KIND]
+    over = [r.noise for flight in rows for r in flight if r.kind == PICTURES]
     if not over or float(np.median(over)) < CONTRADICTED:
         return []
     by = f"{min(over):.1f} to {max(over):.1f} times their noise"

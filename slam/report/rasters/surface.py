@@ -32,7 +32,7 @@ PERCENTS = (50, 95)
 
 @dataclass(frozen=True)
 class OverPlane:
-    """What was found over the plane of a slope, on the lattice of a surface in the level world."""
+    """Findings over the plane of a slope, on the lattice of a surface in the level world."""
 
     pits: Mask
     """(rows, cols) measured heights that are doubted."""

@@ -180,12 +180,12 @@ def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
     # A part of a path is as uncertain as the whole says that it is.
     record, matches, _ = healthy
     along = camera_path(record, matches, parameters)
-    path, part, shown = along, along.part(10, 25), along.part(10, 25).inside
-    assert part.times_s.tolist() == path.times_s[10:25].tolist()
-    assert part.elapsed.tolist() == path.elapsed[10:25].tolist()
-    assert np.flatnonzero(shown).tolist() == np.flatnonzero(along.inside)[10:25].tolist()
+    part = along.part(10, 25)
+    assert part.times_s.tolist() == along.times_s[10:25].tolist()
+    assert part.elapsed.tolist() == along.elapsed[10:25].tolist()
+    assert np.flatnonzero(part.inside).tolist() == np.flatnonzero(along.inside)[10:25].tolist()
     own = slice(60, 150)
-    assert np.allclose(part.covariance, path.covariance[own, own], rtol=1e-9, atol=1e-15)
+    assert np.allclose(part.covariance, along.covariance[own, own], rtol=1e-9, atol=1e-15)
 
 
 def test_a_lens_projects_as_the_simulator_s_camera() -> None:

@@ -10,7 +10,7 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import ATTITUDE, SONAR
 from slam.criticism.kalman.record import record_of
-from slam.criticism.residuals.readings_taken_out import range_residuals, without_boxes
+from slam.criticism.residuals.corrected_readings import range_residuals, without_boxes
 from slam.data_quality.boxes import find_boxes
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for

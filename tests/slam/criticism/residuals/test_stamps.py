@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.kalman.readings import ATTITUDE, IMU
-from slam.criticism.residuals.readings_taken_out import _streams, without_jitter
+from slam.criticism.residuals.corrected_readings import _streams, without_jitter
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged

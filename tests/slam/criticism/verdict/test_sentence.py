@@ -13,7 +13,7 @@ from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Inter
 from slam.criticism.finding import NameInDoubt, OutOfRange, ResidualPattern
 from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
 from slam.criticism.verdict.power import within_reach
-from slam.criticism.verdict.sentence import details, headline, unusable, with_sentences
+from slam.criticism.verdict.sentence import CHECK, details, headline, unusable, what_to_do, with_sentences
 from slam.simulation.terms import CATALOGUE
 
 SPEED = ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
@@ -254,3 +254,10 @@ def test_every_verdict_tells_a_pilot_what_to_do_next():
         assert re.search(r"\b(simulate|fly|check|repair)\b", line), verdict
     assert "extended.toml" in told["named"]
     assert "extended.toml" not in told["unknown"]
+
+
+@pytest.mark.parametrize("verdict", ["named", "ambiguous"])
+def test_without_commands_and_a_correction_the_advice_promises_no_prediction(verdict):
+    told = what_to_do(Criticism(verdict, limits="no commands"), CHECK, "")
+    assert told == "these recordings cannot be corrected afterwards."
+    assert "predicts flights like these" in what_to_do(Criticism("ambiguous"), CHECK, "")

@@ -1,4 +1,4 @@
-"""Anomalies that are taken out before the search: steps in the floor, and jitter of the stamps.
+"""Anomalies that are corrected before the search: steps in the floor, and scattered stamps.
 
 The height of the vehicle above steps is predicted by a filter without the sonar. An instrument samples
 evenly, but a recorder's stamps may scatter. The offset of each stamp from the even clock is then known and
