@@ -18,11 +18,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 GROUPS: list[frozenset[Path]] = []
 """Groups of files with which `discard_stale` has been called."""
-_OPTIONS: dict[str, Any] = {
-    "cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz"},
-}  # fmt: skip
-"""Kernels release the interpreter's lock. Sums may be reordered. NaN keeps its meaning, since it marks
-missing readings."""
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+"""Kernels release the interpreter's lock. No ``fastmath``: a kernel that another one calls is compiled by
+itself and within its caller. Which of the two runs depends on what the cache holds. If sums could be
+reordered, the two would round differently; in the order of the source both give the same bits."""
 
 
 def njit(**options: Any) -> Callable[[Function], Function]:

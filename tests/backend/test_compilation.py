@@ -5,8 +5,9 @@ import os
 from pathlib import Path
 
 import numba
+import numpy as np
 
-from backend.compilation import compiling, discard_stale, njit
+from backend.compilation import compiling, discard_stale, kernel, njit
 
 
 def made(folder: Path, name: str, source_s: float, cached_s: float) -> Path:
@@ -82,3 +83,20 @@ def test_what_is_compiled_is_told_once_with_all_that_it_calls_and_not_again():
         outer(4)
     outer(4.5)
     assert told == [False, True]
+
+
+def test_a_kernel_rounds_as_its_source_says():
+    """Where it may reorder sums, its result depends on how it is compiled: alone or into its caller."""
+
+    @kernel
+    def product_of(x, y):
+        total = 0.0
+        for i in range(len(x)):
+            total += x[i] * y[i]
+        return total
+
+    x, y = np.random.default_rng(1).standard_normal((2, 1000))
+    in_order = 0.0
+    for one, other in zip(x.tolist(), y.tolist(), strict=True):
+        in_order += one * other
+    assert product_of(x, y) == in_order
