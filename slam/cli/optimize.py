@@ -42,6 +42,12 @@ _GSD = typer.Option(
     max=100.0,
     help="Metres per pixel of the mosaic; default: the resolution of the pictures.",
 )
+_CRS = typer.Option(
+    "--crs",
+    metavar="SYSTEM",
+    help="Also write the rasters in this coordinate system: utm (the zone of the map's origin), or EPSG: and "
+    "a number.",
+)
 _GCP = typer.Option(
     "--gcp",
     metavar="FILE",
@@ -76,6 +82,7 @@ def optimize(
     out: Annotated[Path, options.OUT],
     gsd: Annotated[float | None, _GSD] = None,
     mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the mosaic.")] = True,
+    crs: Annotated[str | None, _CRS] = None,
     config: Annotated[Path | None, options.CONFIG] = None,
     features: Annotated[FeatureKind | None, options.FEATURES] = None,
     model: Annotated[str | None, options.MODEL] = None,
@@ -103,7 +110,7 @@ def optimize(
         options.refuse_flight_options(sources[0], context)
         results = _graph(sources[0], out, screen)
     else:
-        mosaics = MosaicOptions(mosaic, gsd, out)
+        mosaics = MosaicOptions(mosaic, gsd, out, crs)
         settings = options.pipeline_config(config, features)
         wanted = _FlightOptions(settings, model, incremental, mcap, gcp, tuple(check or ()), gcp_std)
         request = options.request_of(topic, picture_rate)
@@ -133,6 +140,8 @@ def _flights(
     instruments = options.told_model(wanted.model)
     if wanted.mcap:
         require_packages()
+    if mosaic.crs is not None:
+        _refuse_system(mosaic.crs, mosaic.wanted)
     with output_folder(out) as folder, screen.progress() as progress:
         flights = []
         for source in sources:
@@ -141,11 +150,37 @@ def _flights(
             if kind != "flight":
                 screen.line(f"{source}: {kind}, imported on the fly")
             show_sources(flight, screen)
+        flight = _joined(flights, wanted)
+        if mosaic.crs is not None:
+            _refuse_place(mosaic.crs, flight)
         if instruments is not None:
             return _corrected(instruments, flights, folder, mosaic, wanted, progress)
-        flight = _joined(flights, wanted)
         estimate, tables = _mapped(flight, wanted, progress)
         return _written(folder, estimate, flight, mosaic, wanted, progress, tables)
+
+
+def _refuse_system(system: str, has_mosaic: bool) -> None:
+    """Raise ``InputError`` for a coordinate system that no raster can have, before flights are read."""
+    from slam.core.errors import InputError
+    from slam.io.exports.geotiff import named_system
+
+    if not has_mosaic:
+        raise InputError(f"--crs {system}: with --no-mosaic there are no rasters to write in it")
+    named_system(system)
+
+
+def _refuse_place(system: str, flight: Flight) -> None:
+    """Raise ``InputError`` for a flight whose map cannot lie in the system, before it is mapped."""
+    from slam.core.errors import InputError
+    from slam.io.exports.geotiff import coordinate_system
+
+    origin = flight.geo_origin()
+    if origin is None:
+        raise InputError(
+            f"--crs {system}: the flight has no place on Earth; give positions (gps0, or photographs that "
+            "have them) or control points, or leave --crs out"
+        )
+    coordinate_system(system, origin)
 
 
 def _joined(flights: list[Flight], wanted: _FlightOptions) -> Flight:

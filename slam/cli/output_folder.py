@@ -47,6 +47,13 @@ OPTIMIZE_NAMES = (
 MODEL_NAME = "model.toml"
 """Model of the instruments from ``--model``; the commands that read the map need it too."""
 
+RASTERS_IN_SYSTEM = {
+    "mosaic.tif": "mosaic_crs.tif",
+    "mosaic_quality.tif": "mosaic_quality_crs.tif",
+    "elevation.tif": "elevation_crs.tif",
+}
+"""Raster of a map -> its copy in the coordinate system that ``slam optimize --crs`` names."""
+
 MAP_MCAP = "map.mcap"
 """The map for Foxglove and Rerun, from ``slam optimize --mcap``."""
 
@@ -94,6 +101,8 @@ _VIEWER_FILES = (
     "mosaic.png.aux.xml",
     "mosaic.tif.aux.xml",
     "mosaic.tif.ovr",
+    "mosaic_crs.tif.aux.xml",
+    "mosaic_crs.tif.ovr",
 )
 """Files that viewers create beside pictures; they may be deleted with them."""
 

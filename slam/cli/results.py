@@ -41,6 +41,8 @@ class MosaicOptions:
     """Metres per pixel; None for the resolution of the pictures."""
     previous_output: Path | None = None
     """An earlier output folder whose unchanged tiles are reused."""
+    crs: str | None = None
+    """Coordinate system, ``utm`` or ``EPSG:n``, in which the rasters are written too."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ def write_results(
 ) -> Results:
     """Write trajectory, graph, mosaics, summary and report of a flight, and ``map.mcap`` if wanted.
 
+    Rasters that a wanted coordinate system cannot hold give a warning, as the map is whole without them.
     Raises ``InputError``.
     """
     from backend.pose_graph.graph import build_pose_graph
@@ -75,6 +78,8 @@ def write_results(
     heights = write_elevation(estimate, folder, made.ground if made else None)
     if mcap:
         _write_map_mcap(folder, estimate, flight, progress)
+    if options.crs is not None:
+        warning += _write_in_system(folder, estimate, options.crs)
     if options.wanted:
         estimate = replace(
             estimate,
@@ -100,6 +105,24 @@ def _write_map_mcap(folder: Path, estimate: Estimate, flight: Flight, progress: 
     exported = ExportedMap(estimate, progress=progress, folder=folder, flight=flight)
     if len(exported.keyframes):
         write(exported, folder / MAP_MCAP)
+
+
+def _write_in_system(folder: Path, estimate: Estimate, system: str) -> tuple[str, ...]:
+    """Write the rasters in another coordinate system beside them, and return messages about them."""
+    from slam.cli.output_folder import RASTERS_IN_SYSTEM
+    from slam.io.exports.geotiff import rasters_in, write_rasters
+
+    names = {name: RASTERS_IN_SYSTEM[name] for name in rasters_in(folder)}
+    if not names:
+        return (f"--crs {system}: there are no rasters to write in it",)
+    if estimate.origin is None:
+        return (f"--crs {system}: no rasters in it, since the map was not placed on Earth",)
+    try:
+        targets = {name: folder / written for name, written in names.items()}
+        told, *stretch, heights = write_rasters(estimate, folder, targets, system)
+    except InputError as refusal:
+        return (f"no rasters in another system: {refusal}",)
+    return (Note(f"{', '.join(names.values())}: {told}; {heights}"), *stretch)
 
 
 def write_solution(folder: Path, estimate: Estimate, graph: PoseGraph) -> None:

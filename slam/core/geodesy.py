@@ -25,6 +25,11 @@ ECCENTRICITY_2 = FLATTENING * (2 - FLATTENING)
 MAX_ALTITUDE_M = 5e4
 """Altitudes beyond are no altitudes of an aircraft: a wrong unit or a damaged value."""
 
+UTM_NORTH_END_DEG, UTM_SOUTH_END_DEG = 84.0, -80.0
+"""Latitudes beyond which UTM has no zones."""
+UPS_NORTH, UPS_SOUTH = 5041, 5042
+"""EPSG codes of the universal polar stereographic grids on WGS 84 with easting first."""
+
 _BOWRING_STEPS = 5
 """Number of iterations. Each gains about three digits near Earth, so that five reach the last bit from any
 altitude in use.
@@ -60,6 +65,18 @@ def position_fault(latitude_deg: float, longitude_deg: float) -> str:
     if (latitude_deg, longitude_deg) == (0, 0):
         return "latitude and longitude are both 0 (no fix)"
     return ""
+
+
+def utm_epsg(latitude_deg: float, longitude_deg: float) -> int:
+    """Return the EPSG code on WGS 84 of the UTM zone of a place; beyond 84 N or 80 S that of UPS.
+
+    The exceptions around Norway are left out. Source: NGA.SIG.0012 (2014), The universal grids, sections 7 to
+    10: zones of 6 degrees, and the polar stereographic grids where UTM ends.
+    """
+    if latitude_deg > UTM_NORTH_END_DEG or latitude_deg < UTM_SOUTH_END_DEG:
+        return UPS_NORTH if latitude_deg > 0 else UPS_SOUTH
+    zone = int((longitude_deg + 180) // 6) % 60 + 1
+    return (32600 if latitude_deg >= 0 else 32700) + zone
 
 
 def ecef_from_geodetic(latitude_deg: ArrayLike, longitude_deg: ArrayLike, altitude_m: ArrayLike) -> Array:

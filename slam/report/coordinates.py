@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from slam.core.estimate import Estimate
+from slam.core.geodesy import UPS_NORTH, UPS_SOUTH, utm_epsg
 from slam.core.units import axis_names, unit
 
-_ZONE_DEG = 6.0
 _GEOID_M = 107
 """Largest distance of sea level from the ellipsoid (EGM2008; National Geospatial-Intelligence Agency)."""
 
@@ -18,12 +18,6 @@ def at(estimate: Estimate, x: float, y: float) -> str:
     )
 
 
-def utm_epsg(latitude_deg: float, longitude_deg: float) -> int:
-    """Return the EPSG code of the UTM zone on WGS 84 of a place, without the exceptions around Norway."""
-    zone = int((longitude_deg + 180.0) % 360.0 // _ZONE_DEG) + 1
-    return (32600 if latitude_deg >= 0 else 32700) + zone
-
-
 def plane_text(estimate: Estimate) -> str:
     """Return the coordinate system of mosaic.tif and elevation.tif."""
     if not estimate.metric:
@@ -31,11 +25,12 @@ def plane_text(estimate: Estimate) -> str:
     origin = estimate.origin
     if origin is None:
         return "local metres without a place on Earth, so no EPSG code"
-    utm = utm_epsg(origin.latitude_deg, origin.longitude_deg)
+    code = utm_epsg(origin.latitude_deg, origin.longitude_deg)
+    grid = "UPS" if code in (UPS_NORTH, UPS_SOUTH) else "UTM"
     return (
         f"metres east and north of {origin.text} (azimuthal equidistant about that point, on WGS 84; no "
-        f"EPSG code names this plane, the files hold its definition); for UTM, EPSG:{utm}, run slam export "
-        "--to geotiff"
+        f"EPSG code names this plane, the files hold its definition); for {grid}, EPSG:{code}, run slam "
+        "export --to geotiff, or slam optimize with --crs utm"
     )
 
 

@@ -1,16 +1,18 @@
 """The rasters of a map in a named coordinate system, for GIS.
 
-The map's own system is azimuthal equidistant about its origin. The rasters are resampled once into UTM or
-another system of the EPSG registry.
+The map's own system is azimuthal equidistant about its origin. The rasters are resampled once into UTM (UPS
+at the poles) or another system of the EPSG registry.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import rasterio
 import rasterio.shutil
+from numpy.typing import ArrayLike, NDArray
 from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.enums import Resampling
@@ -19,7 +21,8 @@ from rasterio.vrt import WarpedVRT
 from rasterio.warp import transform
 
 from slam.core.errors import InputError
-from slam.core.geodesy import GeoOrigin, geodetic_from_enu
+from slam.core.estimate import Estimate
+from slam.core.geodesy import GeoOrigin, geodetic_from_enu, utm_epsg
 from slam.io.exports.exported_map import ExportedMap
 from slam.io.geotiff import height_tags
 
@@ -34,32 +37,53 @@ MOST_STRETCH = 0.01
 most (Snyder 1987, section 8), and projections of countries by less."""
 _AWAY_M = 10.0
 """Length on the ground that is compared."""
-NORTH_ZONES, SOUTH_ZONES = 32600, 32700
-"""EPSG codes of UTM on WGS 84, to which the number of the zone is added."""
+_LINES = 21
+"""Lines each way of a grid on a raster, whose steps are compared in the other system."""
+_MOST_UNEVEN = 2.0
+"""Longest over shortest step of a raster's grid. Where a projection breaks, one step is far longer. Beside a
+pole of it, one pixel of 2 x 2 is left of the ground where a grid of equal pixels has its largest scale."""
 
 
 def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     """Write the rasters that the map has.
 
-    Raises ``InputError`` for an unknown coordinate system, a map without rasters, and a place that the system
-    does not hold.
+    Raises ``InputError`` for a map without rasters, and as `write_rasters` does.
     """
-    estimate = exported.estimate
-    assert estimate.origin is not None
     folder = exported.folder
-    files = [name for name in RASTERS if folder is not None and (folder / name).is_file()]
+    files = [] if folder is None else rasters_in(folder)
     if folder is None or not files:
         raise InputError("--to geotiff: the map has no rasters; map the flight without --no-mosaic")
-    crs = coordinate_system(exported.crs, estimate.origin)
-    tags = height_tags(estimate)
     target.mkdir(exist_ok=True)
-    for name in files:
+    return write_rasters(exported.estimate, folder, {name: target / name for name in files}, exported.crs)
+
+
+def rasters_in(folder: Path) -> list[str]:
+    """Return the names of the rasters that an output folder has."""
+    return [name for name in RASTERS if (folder / name).is_file()]
+
+
+def write_rasters(
+    estimate: Estimate, folder: Path, targets: Mapping[str, Path], system: str
+) -> tuple[str, ...]:
+    """Write rasters of ``folder`` in a coordinate system to ``targets``, by their names, all or none.
+
+    Return one line each about the system, lengths that it changes, and where heights begin. ``estimate`` has
+    a place on Earth. Raises ``InputError`` for an unknown system, and a place that the system does not hold.
+    """
+    assert estimate.origin is not None
+    crs = coordinate_system(system, estimate.origin)
+    tags = height_tags(estimate)
+    for name in targets:
+        _refuse_break(folder / name, crs, system)
+    for name, target in targets.items():
         try:
-            _reproject(folder / name, target / name, crs, RASTERS[name], tags)
+            _reproject(folder / name, target, crs, RASTERS[name], tags)
         except (RasterioError, CPLE_BaseError) as error:
             reason = " ".join(str(error).split())
+            for written in targets.values():
+                written.unlink(missing_ok=True)
             raise InputError(
-                f"--crs {exported.crs}: {name} cannot be brought into it ({reason}); give the system of the "
+                f"--crs {system}: {name} cannot be brought into it ({reason}); give the system of the "
                 "map's region"
             ) from None
     return (
@@ -76,13 +100,25 @@ def _floor(tags: dict[str, str]) -> str:
 
 
 def coordinate_system(name: str, origin: GeoOrigin) -> CRS:
-    """Return the system ``utm`` of the origin's zone, or ``EPSG:n``. Raises ``InputError`` for another name.
+    """Return the system of ``name`` for a map about ``origin``.
 
-    Source: Snyder 1987, Map projections, a working manual, section 8 (zones of 6 degrees).
+    Raises ``InputError`` for an unknown name, and a system that does not hold the origin.
+    """
+    crs = named_system(name)
+    if crs is None:
+        return CRS.from_epsg(utm_epsg(origin.latitude_deg, origin.longitude_deg))
+    if not np.isfinite(_transformed("EPSG:4326", crs, [origin.longitude_deg], [origin.latitude_deg])).all():
+        raise InputError(f"--crs {name}: it does not hold {origin.text}; give the system of the map's region")
+    return crs
+
+
+def named_system(name: str) -> CRS | None:
+    """Return the system ``EPSG:n``; None for ``utm``, which depends on the place.
+
+    Raises ``InputError`` for another name, and for a system without places on a plane.
     """
     if name.lower() == "utm":
-        zone = int((origin.longitude_deg + 180) // 6) % 60 + 1
-        return CRS.from_epsg((NORTH_ZONES if origin.latitude_deg >= 0 else SOUTH_ZONES) + zone)
+        return None
     kind, _, number = name.partition(":")
     try:
         found = CRS.from_epsg(int(number)) if kind.lower() == "epsg" and number.isdigit() else None
@@ -98,13 +134,38 @@ def coordinate_system(name: str, origin: GeoOrigin) -> CRS:
     return found
 
 
+def _transformed(source: CRS | str, crs: CRS, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
+    """Return points in another system (n, 2), easting or longitude first; inf where it does not hold them."""
+    try:
+        return np.column_stack(transform(source, crs, np.ravel(x).tolist(), np.ravel(y).tolist()))
+    except CPLE_BaseError:
+        return np.full((np.size(x), 2), np.inf)
+
+
+def _refuse_break(path: Path, crs: CRS, system: str) -> None:
+    """Raise ``InputError`` for a raster that does not lie in one piece, at about one scale, in ``crs``."""
+    with rasterio.open(path) as raster:
+        west, south, east, north = raster.bounds
+        x, y = np.meshgrid(np.linspace(west, east, _LINES), np.linspace(south, north, _LINES))
+        places = _transformed(raster.crs, crs, x, y).reshape(_LINES, _LINES, 2)
+    is_whole = bool(np.isfinite(places).all())
+    for axis in (0, 1) if is_whole else ():
+        steps = np.linalg.norm(np.diff(places, axis=axis), axis=2)
+        is_whole &= bool(steps.max() < _MOST_UNEVEN * steps.min())
+    if not is_whole:
+        raise InputError(
+            f"--crs {system}: {path.name} lies across or beside an edge of this system, such as 180 degrees "
+            "of longitude or a pole; give utm, or another system of the map's region"
+        )
+
+
 def _stretch_note(crs: CRS, origin: GeoOrigin) -> tuple[str, ...]:
     """Return a note about a projection in which a metre on the ground, at the origin, is not a metre."""
     if not crs.is_projected:
         return ()
     latitude_deg, longitude_deg, _ = geodetic_from_enu([[0.0, 0.0, 0.0], [_AWAY_M, 0.0, 0.0]], origin)
-    x, y = transform("EPSG:4326", crs, longitude_deg.tolist(), latitude_deg.tolist())
-    metre = float(np.hypot(x[1] - x[0], y[1] - y[0])) * crs.linear_units_factor[1] / _AWAY_M
+    here, away = _transformed("EPSG:4326", crs, longitude_deg, latitude_deg)
+    metre = float(np.linalg.norm(away - here)) * crs.linear_units_factor[1] / _AWAY_M
     if not abs(metre - 1) > MOST_STRETCH:
         return ()
     return (
@@ -116,15 +177,22 @@ def _stretch_note(crs: CRS, origin: GeoOrigin) -> tuple[str, ...]:
 def _reproject(source: Path, target: Path, crs: CRS, resampling: Resampling, tags: dict[str, str]) -> None:
     """Resample a raster block by block, and say where its heights begin."""
     plain = target.with_name(f".{target.name}.scratch")
+    try:
+        _resample(source, plain, crs, resampling)
+        with rasterio.open(plain, "r+") as raster:
+            raster.update_tags(**tags)
+        rasterio.shutil.copy(plain, target, driver="COG", compress="DEFLATE", bigtiff="IF_SAFER")
+    finally:
+        plain.unlink(missing_ok=True)
+
+
+def _resample(source: Path, target: Path, crs: CRS, resampling: Resampling) -> None:
+    """Write a plain GeoTIFF of a raster in ``crs``."""
     with (
         rasterio.Env(GDAL_CACHEMAX=64, GDAL_PAM_ENABLED=False),
         rasterio.open(source) as raster,
         WarpedVRT(raster, crs=crs, resampling=resampling) as warped,
     ):
         rasterio.shutil.copy(
-            warped, plain, driver="GTiff", tiled="YES", compress="DEFLATE", bigtiff="IF_SAFER"
+            warped, target, driver="GTiff", tiled="YES", compress="DEFLATE", bigtiff="IF_SAFER"
         )
-    with rasterio.open(plain, "r+") as raster:
-        raster.update_tags(**tags)
-    rasterio.shutil.copy(plain, target, driver="COG", compress="DEFLATE", bigtiff="IF_SAFER")
-    plain.unlink()

@@ -46,7 +46,15 @@ def test_a_height_lies_where_its_point_is_transformed_to(folder, tmp_path):
 
 @pytest.mark.parametrize(
     ("place", "code"),
-    [((52.0, 4.3), 32631), ((-33.9, 18.4), 32734), ((0.0, 180.0), 32601), ((10.0, -180.0), 32601)],
+    [
+        ((52.0, 4.3), 32631),
+        ((-33.9, 18.4), 32734),
+        ((0.0, 180.0), 32601),
+        ((10.0, -180.0), 32601),
+        ((84.0, 4.3), 32631),
+        ((84.1, 4.3), 5041),
+        ((-80.1, 4.3), 5042),
+    ],
 )
 def test_the_zone_is_that_of_the_place(place, code):
     assert coordinate_system("utm", GeoOrigin(*place, 0.0)).to_epsg() == code
@@ -77,6 +85,20 @@ def test_a_projection_that_changes_lengths_is_told(folder, tmp_path):
     # Web Mercator: 1 / cos(40.5 deg) on a sphere, by a / N = 0.9986 for east on the ellipsoid (Snyder 1987).
     assert "is 1.31 m in this projection" in notes["3857"][1]
     assert not any("in this projection" in line for code in ("32618", "2263") for line in notes[code])
+
+
+@pytest.mark.parametrize(
+    ("place", "system"), [((10.0, 180.0), 3857), ((89.9999, 0.0), 4326), ((-89.9999, 3.0), 5041)]
+)
+def test_a_raster_across_an_edge_of_the_system_is_refused_in_plain_words(tmp_path, place, system):
+    origin = GeoOrigin(*place, 0.0)
+    grid = Grid(-20.25, 10.25, 0.5, 80, 60, origin)
+    write_bands(tmp_path / "elevation.tif", grid, {"height": np.ones((60, 80), np.float32)})
+    there = exported(made_map(pose(), origin=origin), folder=tmp_path, crs=f"EPSG:{system}")
+    with pytest.raises(InputError, match="lies across or beside an edge of this system"):
+        export_map(there, "geotiff", tmp_path / "out")
+    # UTM, or UPS at a pole, holds the same place.
+    export_map(exported(made_map(pose(), origin=origin), folder=tmp_path), "geotiff", tmp_path / "out")
 
 
 def test_a_map_without_rasters_is_refused(tmp_path):

@@ -1,0 +1,108 @@
+"""``slam optimize --crs``: what is refused before the work, and the files that it adds."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rasterio
+from typer.testing import CliRunner
+
+from slam.cli import app
+from slam.cli.output_folder import OPTIMIZE_NAMES, RASTERS_IN_SYSTEM, output_folder
+from slam.cli.results import _write_in_system
+from slam.core.flight import Gps
+from slam.core.geodesy import GeoOrigin, geodetic_from_enu
+from slam.core.messages import Note
+from slam.io.exports.geotiff import RASTERS
+from slam.io.flight_folder import write_flight
+from slam.io.geotiff import Grid, write_bands
+from slam.simulation import simulate
+from tests.slam.cli.test_flights import RECIPE, assert_refused
+from tests.slam.evaluation.scene import flight_of, smooth_poses
+from tests.slam.io.exports.made_map import made_map, pose
+
+ORIGIN = GeoOrigin(40.5, -74.4, 30.0)
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_every_raster_has_its_name_in_the_other_system():
+    assert set(RASTERS_IN_SYSTEM) == set(RASTERS)
+    assert not set(RASTERS_IN_SYSTEM.values()) & set(OPTIMIZE_NAMES)
+
+
+@pytest.mark.parametrize(
+    ("options", "saying"),
+    [
+        (("--crs", "EPSG:99999"), "give utm, or EPSG: and its number"),
+        (("--crs", "utm", "--no-mosaic"), "with --no-mosaic there are no rasters"),
+        (("--crs", "utm"), "the flight has no place on Earth"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch, options, saying):
+    def work(*_arguments: object) -> None:
+        raise AssertionError("the flight is mapped")
+
+    flight = flight_of(smooth_poses(np.random.default_rng(0), 4))
+    monkeypatch.setattr("slam.cli.source.open_flight", lambda *_arguments: (flight, "flight"))
+    monkeypatch.setattr("slam.mapping.pipeline.optimize_with_observations", work)
+    assert_refused(run("optimize", tmp_path, "--out", tmp_path / "out", *options), saying)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_graph_has_no_rasters(tmp_path):
+    graph = tmp_path / "a.g2o"
+    graph.write_text("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n")
+    assert_refused(run("optimize", graph, "--out", tmp_path / "out", "--crs", "utm"), "--crs: .* is a graph")
+
+
+def elevation(folder, origin):
+    write_bands(
+        folder / "elevation.tif",
+        Grid(-20.0, 10.0, 0.5, 80, 60, origin),
+        {"height": np.ones((60, 80), np.float32)},
+    )
+    return made_map(pose(), origin=origin)
+
+
+def test_the_files_belong_to_the_output_that_a_new_run_replaces(tmp_path):
+    with output_folder(tmp_path / "out") as folder:
+        (note,) = _write_in_system(folder, elevation(folder, ORIGIN), "utm")
+    assert isinstance(note, Note)
+    assert "elevation_crs.tif: coordinate system: EPSG:32618" in note
+    assert {"elevation.tif", "elevation_crs.tif"} < set(os.listdir(tmp_path / "out"))
+    with output_folder(tmp_path / "out"):
+        pass
+    assert "elevation_crs.tif" not in os.listdir(tmp_path / "out")
+
+
+def test_a_map_is_kept_whose_rasters_the_system_cannot_hold(tmp_path):
+    (warning,) = _write_in_system(tmp_path, elevation(tmp_path, GeoOrigin(10.0, 180.0, 0.0)), "EPSG:3857")
+    assert not isinstance(warning, Note)
+    assert "elevation.tif lies across" in warning
+    assert os.listdir(tmp_path) == ["elevation.tif"]
+
+
+@pytest.mark.slow
+def test_optimize_writes_the_rasters_that_an_export_writes(tmp_path):
+    (tmp_path / "tiny.toml").write_text(RECIPE.format(texture="puzzle"))
+    flown = simulate(tmp_path / "tiny.toml", 3)
+    places = geodetic_from_enu(flown.truth.w_T_b[:, :3, 3], ORIGIN)
+    write_flight(replace(flown, gps=Gps(flown.truth.stamps_s, *places, (0.01,) * 3)), tmp_path / "placed")
+    result = run("optimize", tmp_path / "placed", "--out", tmp_path / "out", "--crs", "utm")
+    assert result.exit_code == 0, result.output
+    assert set(os.listdir(tmp_path / "out")) == {*OPTIMIZE_NAMES, *RASTERS_IN_SYSTEM.values()}
+    notes = json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]
+    assert any("EPSG:32618" in note for note in notes)
+    assert run("export", tmp_path / "out", "--to", "geotiff", "--quiet").exit_code == 0
+    for name, ours in RASTERS_IN_SYSTEM.items():
+        with rasterio.open(tmp_path / "out" / ours) as a, rasterio.open(tmp_path / "out_geotiff" / name) as b:
+            assert a.tags() == b.tags()
+            assert (a.crs, a.transform) == (b.crs, b.transform)
+            np.testing.assert_array_equal(a.read(), b.read())
