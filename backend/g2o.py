@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend import se3
+from backend.arguments import check_type
 from backend.errors import BackendError, format_ranges
 from backend.pose_graph.checks.unlike_information import unlike_information
 from backend.pose_graph.graph import MAX_INFORMATION, EdgeRows, PoseGraph, repeated_edges, too_certain
@@ -280,7 +281,11 @@ def _information(edge: _Block, dimension: int, name: str) -> Array:
 
 
 def write_g2o(stream: TextIO, graph: PoseGraph) -> None:
-    """Write vertices that have a pose, fixed vertices and edges, with full precision."""
+    """Write vertices that have a pose, fixed vertices and edges, with full precision.
+
+    Raises ``TypeError`` for another object.
+    """
+    check_type(graph, PoseGraph, "graph")
     vertex, edge = [tag for tag, shape in _TAGS.items() if shape.dimension == graph.dimension]
     information = graph.information
     if graph.dimension == 3:

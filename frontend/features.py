@@ -147,7 +147,7 @@ class Extractor:
         Pixels where ``mask``, of the camera's size, is 0 are ignored. Raises ``TypeError`` or ``ValueError``
         for any other array.
         """
-        _check_picture(image)
+        check_picture(image)
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
         full = np.array(camera.size_px)
         size = np.rint(full * min(1.0, self.config.max_side_px / full.max())).astype(int)
@@ -228,7 +228,8 @@ class Extractor:
         return np.float32 if self.config.kind in ("sift", "surf") else np.uint8
 
 
-def _check_picture(image: Any) -> None:
+def check_picture(image: Any) -> None:
+    """Raise ``TypeError`` or ``ValueError`` where an object is no 8-bit picture."""
     expected = "picture: expected an array of uint8, (h, w) grey or (h, w, 3) BGR"
     if not isinstance(image, np.ndarray):
         raise TypeError(f"{expected}, got {type(image).__name__}")

@@ -199,7 +199,17 @@ PACKAGES = {
         ("cli",),
     ),
     "backend": (
-        ("errors", "measurements", "quantiles", "quaternions", "se3", "triple", "compilation", "wording"),
+        (
+            "arguments",
+            "errors",
+            "measurements",
+            "quantiles",
+            "quaternions",
+            "se3",
+            "triple",
+            "compilation",
+            "wording",
+        ),
         ("gauge", "preintegration", "robust", "sparse_cholesky", "sparse_product"),
         ("pose_graph", "ekf", "inertial_scale"),
         ("bundle", "g2o", "clocks"),

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from backend.arguments import check_type
 from backend.ekf import backward as ekf_backward
 from backend.ekf import forward as ekf_forward
 from backend.ekf import motion as at
@@ -60,8 +61,14 @@ def track(
     ``rounds`` is the number of smoothing rounds, 0 for the filter alone; each round after the first is
     linearised at the smoothed states of the previous one. ``clone`` selects the cloned pose: that of the
     first requested time, or of each one until the next; visual steps imply the latter. Raises
-    ``BackendError``, with the time, if a value is not finite.
+    ``BackendError``, with the time, if a value is not finite, and ``TypeError`` for other objects.
     """
+    for value, expected, name in (
+        (readings, Readings, "readings"),
+        (start, InitialState, "start"),
+        (model, FilterModel, "model"),
+    ):
+        check_type(value, expected, name)
     clone = "each" if readings.steps else clone
     events = sort_events(readings, at_s, clone)
     size = at.SIZE_WITHOUT_CLONE if clone == "none" else at.SIZE

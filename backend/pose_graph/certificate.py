@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
+from backend.arguments import check_type
 from backend.errors import BackendError
 from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.solution import Solution
@@ -81,8 +82,10 @@ def certify(graph: PoseGraph, solution: Solution) -> Certificate:
 
     The certificate is for the graph with isotropic covariances (the mean variance of rotation and of
     translation), after a descent from the solution. ``error_bound`` is for the original graph; it is close
-    to the solution's error if covariances are isotropic already.
+    to the solution's error if covariances are isotropic already. Raises ``TypeError`` for other objects.
     """
+    check_type(graph, PoseGraph, "graph", "backend.read_g2o(path)")
+    check_type(solution, Solution, "solution")
     return certify_poses(graph, solution.w_T_b, solution.component, solution.edge_kept)
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.arguments import check_type
 from backend.errors import BackendError
 from backend.gauge import format_keys
 from backend.measurements import LinkCheck, Measurements, Rejection
@@ -57,9 +58,10 @@ def solve(
     Relative poses, attitudes, ranges and positions count, and no other measurements.
     ``initial`` (n, 4, 4), NaN where unknown, is the initial guess; without it odometry provides one.
     ``loops_robust`` allows the rejection of edges if the global test fails; ``seed`` draws the loops from
-    which it starts where there are very many. Raises ``BackendError`` for
-    invalid values.
+    which it starts where there are very many. Raises ``BackendError`` for invalid values, and ``TypeError``
+    for another object.
     """
+    check_type(measurements, Measurements, "measurements")
     problem, warnings = from_measurements(measurements, initial)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, on_step, deadline, seed)
@@ -81,8 +83,10 @@ def solve_pose_graph(
     contradict each other, loops whose vertex numbers seem shifted or that share an offset, rejected edges of
     almost as much evidence as those against them, and a selection that ``time_limit_s`` cut short. ``seed``
     draws the loops from which the selection starts where there are very many. A warning names rejected edges
-    that one typical mistake of their rows explains.
+    that one typical mistake of their rows explains. Raises ``BackendError`` for invalid values, and
+    ``TypeError`` for another object.
     """
+    check_type(graph, PoseGraph, "graph", "backend.read_g2o(path)")
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, on_step, deadline, seed)
     problem = from_pose_graph(graph)

@@ -41,6 +41,7 @@ def locate(
     from slam.mapping.relocation import Relocalizer
 
     screen, request = Screen(quiet, as_json), request_of(topic, picture_rate)
+    _refuse_unreadable(pictures)
     estimate = read_estimate(map_folder)
     flight = mapped_flight(map_folder, flights, request)
     with output_folder(out, [map_folder, *pictures]) as folder, screen.progress() as progress:
@@ -63,6 +64,26 @@ def locate(
     screen.json_file(out / "summary.json")
     screen.table(_table(found, estimate.metric))
     screen.files([out / "locations.csv"])
+
+
+def _refuse_unreadable(pictures: Sequence[Path]) -> None:
+    """Raise ``InputError`` with the reasons if none of the pictures can be read, before the map is."""
+    from slam.core.errors import InputError
+    from slam.core.names import listed
+    from slam.io.files import shown
+    from slam.io.images import UnreadableImageError, read_image
+
+    reasons = []
+    for path in pictures:
+        try:
+            read_image(path)
+        except UnreadableImageError as reason:
+            reasons.append(f"{shown(str(path))} ({reason})")
+        else:
+            return
+    of = "none of the pictures" if len(reasons) > 1 else "the picture"
+    can = "can" if len(reasons) > 1 else "cannot"
+    raise InputError(f"{of} {can} be read: {listed(reasons)}; give PNG, JPEG or TIFF of the map's camera")
 
 
 def locations_csv(found: Sequence[tuple[Path, Location]]) -> str:

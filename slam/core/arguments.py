@@ -1,4 +1,4 @@
-"""Checks of the arguments of public functions: one line says what was expected and what came."""
+"""Checks of flights and estimates that public functions are given."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ from collections.abc import Iterable
 from os import PathLike
 from typing import Any
 
+from backend.arguments import check_type, described
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
 
 
 def check_flight(value: Any, name: str = "flight") -> None:
     """Raise ``TypeError`` where ``value`` is no ``Flight``; ``name`` is that of the argument."""
-    _check(value, Flight, name, "slam.read_flight(path)")
+    check_type(value, Flight, name, "slam.read_flight(path)")
 
 
 def check_estimate(value: Any, name: str = "estimate") -> None:
     """Raise ``TypeError`` where ``value`` is no ``Estimate``; ``name`` is that of the argument."""
-    _check(value, Estimate, name, "slam.read_estimate(folder)")
+    check_type(value, Estimate, name, "slam.read_estimate(folder)")
 
 
 def flight_tuple(flights: Iterable[Flight], name: str = "flights") -> tuple[Flight, ...]:
@@ -25,21 +26,8 @@ def flight_tuple(flights: Iterable[Flight], name: str = "flights") -> tuple[Flig
     if isinstance(flights, Flight):
         raise TypeError(f"{name}: expected several flights, got one Flight; put it into a list")
     if isinstance(flights, (str, PathLike)) or not isinstance(flights, Iterable):
-        raise TypeError(f"{name}: expected an iterable of Flight, got {_described(flights)}")
+        raise TypeError(f"{name}: expected an iterable of Flight, got {described(flights)}")
     found = tuple(flights)
     for k, flight in enumerate(found):
         check_flight(flight, f"{name}[{k}]")
     return found
-
-
-def _check(value: Any, expected: type, name: str, reader: str) -> None:
-    if isinstance(value, expected):
-        return
-    remedy = f"; read it first: {reader}" if isinstance(value, (str, PathLike)) else ""
-    raise TypeError(f"{name}: expected {expected.__name__}, got {_described(value)}{remedy}")
-
-
-def _described(value: Any) -> str:
-    if isinstance(value, (str, PathLike)):
-        return f"the path {str(value)!r}"
-    return type(value).__name__

@@ -38,6 +38,7 @@ from backend.measurements import Rejection, RelativePose
 from backend.pose_graph.solution import RangeErrors
 from backend.triple import triple
 from frontend.camera import Camera
+from slam.core.arguments import check_estimate
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
 from slam.core.estimate import MAP_TRAJECTORIES, Estimate, GroundFacts, LoopVerdict
@@ -55,8 +56,9 @@ Array = NDArray[np.float64]
 def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) -> tuple[Path, ...]:
     """Write the three files into a folder (two without a search for loops) and return their paths.
 
-    Raises ``InputError`` if the folder cannot be written.
+    Raises ``InputError`` if the folder cannot be written, and ``TypeError`` for another object.
     """
+    check_estimate(estimate)
     out_dir = Path(out_dir)
     contents = {
         "trajectory.tum": trajectory_text(estimate).encode(),

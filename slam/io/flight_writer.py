@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
+from slam.core.arguments import check_flight
 from slam.core.errors import one_line
 from slam.core.flight import (
     FIELD_BY_FOLDER,
@@ -48,9 +49,10 @@ def write_flight(
 
     Pictures that are files are copied unchanged. Others are encoded as ``image_format`` ("png" or "jpg")
     under their own name with that suffix; encoded pictures of a recording are written as they are. An
-    unreadable picture is listed without a file. Raises
-    ``InputError`` if the target is not empty or cannot be written, ``ValueError`` for another format.
+    unreadable picture is listed without a file. Raises ``InputError`` if the target is not empty or cannot be
+    written, ``ValueError`` for another format, and ``TypeError`` for another object.
     """
+    check_flight(flight)
     if image_format not in SUFFIXES:
         raise ValueError(f"image_format {image_format!r}: png or jpg")
     with atomic_folder(path) as folder:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend import se3
 from frontend.camera import Camera
-from frontend.features import Extractor, Features
+from frontend.features import Extractor, Features, check_picture
 from frontend.loops import appearance
 from frontend.registration import Registration, register
 from frontend.store import FeatureStore
@@ -103,7 +103,11 @@ class Relocalizer:
         self._signatures = np.array(looks)
 
     def locate(self, image: Image) -> Location:
-        """Locate a picture of the map's camera."""
+        """Locate a picture of the map's camera, (h, w) grey or (h, w, 3) BGR uint8.
+
+        Raises ``TypeError`` or ``ValueError`` for what is no such picture.
+        """
+        check_picture(image)
         if image.shape[1::-1] != tuple(self.camera.size_px):
             w, h = self.camera.size_px
             return nowhere(
@@ -167,7 +171,7 @@ def relocalize(
 ) -> Location:
     """Locate one picture in the map of a flight; for many pictures keep a `Relocalizer`.
 
-    Raises ``InputError`` where the map was not made of this flight.
+    Raises ``InputError`` where the map was not made of this flight, and as `Relocalizer.locate` does.
     """
     return Relocalizer(estimate, flight, config).locate(image)
 

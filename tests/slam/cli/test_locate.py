@@ -3,8 +3,13 @@
 import csv
 import io
 import os
+import re
 from pathlib import Path
 
+import pytest
+from typer.testing import CliRunner
+
+from slam.cli import app
 from slam.cli.locate import locations_csv
 from slam.mapping.relocation import nowhere
 
@@ -18,3 +23,20 @@ def test_a_picture_whose_name_is_not_utf_8_has_a_row():
         ["in/caf\\xe9.jpg", "unreadable: missing"],
         ['in/"a", b.jpg', "unreadable: missing"],
     ]
+
+
+@pytest.mark.parametrize(
+    ("names", "saying"),
+    [
+        (["broken.png"], r"the picture cannot be read: .*broken\.png \(no PNG, JPEG or TIFF\)"),
+        (["broken.png", "gone.jpg"], r"none of the pictures can be read: .*, .*gone\.jpg \(missing\)"),
+    ],
+)
+def test_pictures_none_of_which_can_be_read_are_refused_before_the_map_is_read(tmp_path, names, saying):
+    (tmp_path / "broken.png").write_bytes(b"no picture")
+    pictures = [str(tmp_path / name) for name in names]
+    folders = {f"--{name}": str(tmp_path / name) for name in ("map", "flight", "out")}
+    ran = CliRunner().invoke(app, ["locate", *pictures, *(word for pair in folders.items() for word in pair)])
+    assert ran.exit_code == 1
+    assert re.fullmatch(rf"slam: {saying}; give PNG[^\n]*\n", ran.stderr), ran.stderr
+    assert os.listdir(tmp_path) == ["broken.png"]

@@ -52,6 +52,15 @@ def test_what_is_no_list_of_flights_is_refused(call, flights, message):
         call(flights)
 
 
+@pytest.mark.parametrize(
+    ("write", "expected"), [(slam.write_flight, "Flight"), (slam.write_estimate, "Estimate")]
+)
+def test_another_object_is_not_written(write, expected, tmp_path):
+    with pytest.raises(TypeError, match=f"expected {expected}, got int"):
+        write(3, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_flights_may_come_from_a_generator():
     assert slam.join_flights(flight for flight in [FLIGHT]) is FLIGHT
     listed = slam.criticise([FLIGHT])

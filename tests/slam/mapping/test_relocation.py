@@ -75,6 +75,15 @@ def test_a_picture_without_information_is_reported(mapped, image, reason):
     assert reason in mapped[2].locate(image).reason
 
 
+@pytest.mark.parametrize(
+    ("image", "error"),
+    [(None, TypeError), (np.zeros((144, 176)), TypeError), (np.zeros(9, np.uint8), ValueError)],
+)
+def test_what_is_no_picture_is_refused(mapped, image, error):
+    with pytest.raises(error, match=r"^picture: expected an array of uint8"):
+        mapped[2].locate(image)
+
+
 def test_a_flight_that_the_map_was_not_made_of_is_refused(mapped):
     flight, estimate, _ = mapped
     frames = replace(flight.frames, names=tuple(f"x{name}" for name in flight.frames.names))
