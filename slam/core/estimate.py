@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 
 MAP_TRAJECTORIES = ("chain of homographies", "without loops", "with loops")
 """Names of the three trajectories of a map: the plain chain, the odometry, and the result."""
+JOINT_ERRORS = 12
+"""Independent errors of all poses together that an estimate keeps. On figure eights the twelfth has less than
+a twentieth of the largest's variance."""
 
 
 @dataclass(frozen=True)
@@ -178,6 +181,10 @@ class Estimate:
     """(n, 6, 6) covariances with which the pictures place the ground, where the lens was estimated: those
     over the floor, with the errors of the lens as equal motions of the camera. None where the lens was held:
     then ``over_floor_covariances`` are those of the ground."""
+    joint_errors: Array | None = None
+    """(n, 6, JOINT_ERRORS) right perturbation of all poses, rotation first, by one standard deviation of each
+    of their largest independent errors (`backend.bundle.accuracy.joint_errors`). Zero where a pose is not of
+    the largest part; None without a refinement."""
     scale_std: float | None = None
     """Relative standard deviation that all lengths share; None where the scale is not observed."""
     middle_std_m: float | None = None

@@ -14,12 +14,13 @@ over the six of [1 + 2 sum_lag (1 - lag/n) rho^(2 lag)]``. The band is that of a
 degrees divided by n_eff (Satterthwaite's match of mean and variance). Over simulated Markov, random-walk and
 pinned-walk errors it holds 89.7 to 97 % of the time. For much smoother errors it is wider than necessary.
 
-An error common to all poses is no such sequence. A wrong scale moves each pose along the vector from the
-first one to it. Where the path turns, neighbours differ in that error, and distant poses still share it.
-Where its standard deviation u_k is given (whitened as z is), ``z_k = s u_k + r_k`` with one number s. Squares
-correlate as ``|u_k|^2 |u_l|^2`` at any distance, and r is the sequence, of variance ``1 - u_k^2`` in each
-component. Over winding paths whose errors are mostly scale, this band of positions holds 96 % of the time;
-modelled as an ordinary sequence it would hold 87 %.
+Errors that all poses share are no such sequence. A wrong scale moves each pose along the vector from the
+first one to it. Where the path turns, neighbours differ in that error, and distant poses still share it. On a
+map of loops a dozen such errors are most of what there is. Where they are given (u_km of error m, whitened as
+z is), ``z_k = sum_m s_m u_km + r_k`` with independent numbers s of unit variance, and r is the sequence, of
+the variance that is left. The mean of squares is then a sum of chi-squares whose weights are the eigenvalues
+of ``sum_k u_k' u_k / n``, and of that of r. Its quantiles are the band. With joint errors of the paper's
+figure eight, `tests/benchmarks/bound.py` counts the flights inside.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from backend.quantiles import chi_square_quantile
+from slam.evaluation.weighted_chi_squares import weighted_chi_square_interval
 
 Array = NDArray[np.float64]
 
@@ -69,33 +70,33 @@ class Nees:
     """Number of keyframes without a positive definite covariance, or with NaN."""
 
 
-def nees(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array, common: Array | None = None) -> Nees | None:
+def nees(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array, shared: Array | None = None) -> Nees | None:
     """Compute the NEES of (n, 4, 4) poses in order of time with their (n, 6, 6) covariances.
 
     All poses must have one gauge. The pose that fixes it must not be among them: its error is zero by
-    construction. ``common`` (n, 6), rotation first, in world axes, is the shift of each pose by one standard
-    deviation of an error that all poses share. The result is None where no covariance is usable.
+    construction. ``shared`` (n, 6, s) are right perturbations of the poses by one standard deviation of each
+    of s independent errors that they share. The result is None where no covariance is usable.
     """
-    xi_w, P_w = world_errors(w_T_b_hat, w_T_b_true, covariances)
+    xi_w, P_w, B = world_errors(w_T_b_hat, w_T_b_true, covariances)
     usable = np.array([_invertible(P) for P in P_w], dtype=bool)
     if not usable.any():
         return None
     xi_w, P_w = xi_w[usable], P_w[usable]
-    shared = np.zeros_like(xi_w) if common is None else common[usable]
+    shared_w = np.zeros((len(xi_w), 6, 0)) if shared is None else B[usable] @ shared[usable]
     whitened = _whiten(xi_w, P_w)
     per_keyframe = np.full(len(usable), np.nan)
     per_keyframe[usable] = np.sum(whitened**2, axis=1)
     return Nees(
-        pose=consistency(whitened, _whiten(shared, P_w)),
-        position=_of_block(slice(3, 6), xi_w, P_w, shared),
-        rotation=_of_block(slice(0, 3), xi_w, P_w, shared),
+        pose=_of_block(slice(0, 6), xi_w, P_w, shared_w),
+        position=_of_block(slice(3, 6), xi_w, P_w, shared_w),
+        rotation=_of_block(slice(0, 3), xi_w, P_w, shared_w),
         per_keyframe=per_keyframe,
         left_out=int((~usable).sum()),
     )
 
 
-def world_errors(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> tuple[Array, Array]:
-    """Right perturbations (n, 6) and their covariances (n, 6, 6), both rotated to world axes.
+def world_errors(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> tuple[Array, Array, Array]:
+    """Right perturbations (n, 6) and their covariances (n, 6, 6), both rotated to world axes by the last.
 
     The NEES is the same in any axes. In world axes a turn of the vehicle does not hide that the errors before
     and after it are one error.
@@ -103,38 +104,50 @@ def world_errors(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> tup
     xi = RigidTransform.from_matrix(np.linalg.inv(w_T_b_hat) @ w_T_b_true).as_exp_coords()
     B = np.zeros((len(xi), 6, 6))
     B[:, :3, :3] = B[:, 3:, 3:] = w_T_b_hat[:, :3, :3]
-    return np.einsum("nij,nj->ni", B, xi), B @ covariances @ B.transpose(0, 2, 1)
+    return np.einsum("nij,nj->ni", B, xi), B @ covariances @ B.transpose(0, 2, 1), B
 
 
 def _of_block(rows: slice, xi: Array, P: Array, shared: Array) -> Consistency:
     P = P[:, rows, rows]
-    return consistency(_whiten(xi[:, rows], P), _whiten(shared[:, rows], P))
+    of_each = [_whiten(each[:, rows], P) for each in np.moveaxis(shared, 2, 0)]
+    return consistency(_whiten(xi[:, rows], P), np.array(of_each).reshape(-1, *P.shape[:2]))
 
 
 def consistency(whitened: Array, shared: Array | None = None) -> Consistency:
     """Mean NEES and its band from (n, dof) whitened errors in order of time.
 
-    ``shared`` (n, dof), whitened alike, is one standard deviation of the error that all poses share.
+    ``shared`` (s, n, dof), whitened alike, is one standard deviation of each error that the poses share.
     """
     n, dof = whitened.shape
-    n_eff = effective_count(whitened, np.zeros_like(whitened) if shared is None else shared)
-    lower, upper = (chi_square_quantile(quantile, dof * n_eff) / n_eff for quantile in (0.025, 0.975))
+    weights, of_weights = _mean_of_squares(whitened, np.zeros((0, n, dof)) if shared is None else shared)
+    lower, upper = weighted_chi_square_interval(0.95, weights, of_weights)
+    n_eff = dof / float(weights**2 @ of_weights)
     return Consistency(dof, float(np.sum(whitened**2) / n), lower, upper, n_eff)
 
 
-def effective_count(whitened: Array, shared: Array) -> float:
-    """Number of independent samples that (n, dof) whitened errors are equivalent to; between 1 and n."""
+def _mean_of_squares(whitened: Array, shared: Array) -> tuple[Array, Array]:
+    """Weights (m,) and degrees of freedom (m,) of the chi-squares that sum to the mean of squares."""
     n, dof = whitened.shape
+    U = shared.reshape(len(shared), n * dof)
+    variance, mode = np.linalg.eigh(U @ U.T / n)
+    told = variance > _SINGULAR
+    along = mode[:, told].T @ U
+    off = whitened - ((along @ whitened.ravel() / (n * variance[told])) @ along).reshape(n, dof)
+    left = np.clip(1 - np.mean(np.sum(shared**2, axis=0), axis=0), _SINGULAR, 1.0)
+    squares = float(left**2 @ _inflation(off, left)) / n
+    weights = np.append(variance[told], squares / left.sum())
+    return weights, np.append(np.ones(told.sum()), left.sum() ** 2 / squares)
+
+
+def _inflation(sequence: Array, variance: Array) -> Array:
+    """(dof,) by which the mean of squares of (n, dof) sequences scatters more than that of independent ones,
+    in variance; between 1 and n."""
+    n = len(sequence)
     if n == 1:
-        return 1.0
-    total = float(np.sum(shared**2))
-    rest = whitened - (np.sum(shared * whitened) / total if total > 0 else 0.0) * shared
-    variance = np.clip(1 - np.mean(shared**2, axis=0), _SINGULAR, 1.0)
-    rho = np.clip(1 - 0.5 * np.mean(np.diff(rest, axis=0) ** 2, axis=0) / variance, 0.0, 1.0)
+        return np.ones(len(variance))
+    rho = np.clip(1 - 0.5 * np.mean(np.diff(sequence, axis=0) ** 2, axis=0) / variance, 0.0, 1.0)
     lag = np.arange(1, n)[:, None]
-    inflation = 1 + 2 * np.sum((1 - lag / n) * rho ** (2 * lag), axis=0)
-    together = min(total / n, 1.0) ** 2
-    return float(dof / (together + np.sum(variance**2 * inflation) / n))
+    return np.asarray(1 + 2 * np.sum((1 - lag / n) * rho ** (2 * lag), axis=0))
 
 
 def _invertible(P: Array) -> bool:

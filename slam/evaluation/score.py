@@ -193,21 +193,13 @@ def _consistency(
     covariances[coarse] = np.nan
     w_T_b = aligned_w_T_b.copy()
     w_T_b[:, :3, 3] += (unit_m - 1.0) * (w_T_b[:, :3, 3] - w_T_b[0, :3, 3])
-    result = nees(w_T_b[1:], association.w_T_b[1:], covariances[1:], _by_scale(estimate, w_T_b))
+    shared = estimate.joint_errors
+    if shared is not None:
+        shared = to_metres[:, None] * shared[association.keyframe[1:]]
+    result = nees(w_T_b[1:], association.w_T_b[1:], covariances[1:], shared)
     if result is not None:
         per_keyframe[1:] = result.per_keyframe
     return result, per_keyframe
-
-
-def _by_scale(estimate: Estimate, aligned_w_T_b: Array) -> Array | None:
-    """(m - 1, 6) shift of each pose but the first by one standard deviation of the map's scale.
-
-    None with GPS, where scale and position are known together.
-    """
-    if estimate.scale_std is None or estimate.origin is not None:
-        return None
-    way_m = aligned_w_T_b[1:, :3, 3] - aligned_w_T_b[0, :3, 3]
-    return np.asarray(np.pad(estimate.scale_std * way_m, ((0, 0), (3, 0))))
 
 
 def _too_coarse(estimate: Estimate, association: Association) -> NDArray[np.bool_]:

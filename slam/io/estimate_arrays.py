@@ -12,6 +12,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from slam.core.estimate import JOINT_ERRORS
 from slam.core.floor_points import FloorPoints
 
 Array = NDArray[np.float64]
@@ -29,6 +30,7 @@ SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
     "covariances": ("n", (6, 6), "f"),
     "over_floor_covariances": ("n", (6, 6), "f"),
     "ground_covariances": ("g", (6, 6), "f"),
+    "joint_errors": ("s", (6, JOINT_ERRORS), "f"),
     "chain_w_T_b": ("n", (4, 4), "f"),
     "odometry_w_T_b": ("n", (4, 4), "f"),
     "component": ("n", (), "i"),
@@ -54,7 +56,11 @@ POINTS = {
     "point_views": NO_POINTS.views,
     "point_std_m": NO_POINTS.std_m,
 }
-LATER = {**POINTS, "ground_covariances": np.zeros((0, 6, 6))}
+LATER = {
+    **POINTS,
+    "ground_covariances": np.zeros((0, 6, 6)),
+    "joint_errors": np.zeros((0, 6, JOINT_ERRORS)),
+}
 """Arrays that files of earlier versions lack -> what stands for them; an empty one for what is not known."""
 
 
@@ -107,6 +113,7 @@ def _check(arrays: dict[str, NDArray[Any]]) -> None:
         "l": len(arrays["loop_ij"]),
         "t": len(arrays["point_keyframe"]),
         "g": len(arrays["stamps"]) if len(arrays["ground_covariances"]) else 0,
+        "s": len(arrays["stamps"]) if len(arrays["joint_errors"]) else 0,
     }
     for name, (per, row, kind) in SHAPES.items():
         found = arrays[name]

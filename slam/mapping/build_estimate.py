@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.accuracy.ground_covariances import ground_covariances
 from backend.bundle.accuracy.information_shares import information_shares
+from backend.bundle.accuracy.joint_errors import joint_errors
 from backend.bundle.accuracy.length_stds import length_stds
 from backend.bundle.accuracy.systematic_errors import SystematicErrors, error_test
 from backend.errors import BackendError
@@ -18,7 +19,7 @@ from backend.pose_graph.certificate import Certificate, certify_poses
 from backend.pose_graph.graph import build_pose_graph
 from backend.pose_graph.solution import Solution
 from backend.sparse_cholesky import SingularMatrixError
-from slam.core.estimate import Estimate, LoopVerdict
+from slam.core.estimate import JOINT_ERRORS, Estimate, LoopVerdict
 from slam.core.flight import Flight, Gps
 from slam.core.heap import trim_heap
 from slam.core.instrument_errors import InstrumentErrors
@@ -122,6 +123,7 @@ def build_estimate(
         information_shares=shares,
         ground_covariances=_ground_covariances(map_),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
+        joint_errors=_joint_errors(map_),
         length_stds=_length_stds(map_),
         middle_std_m=map_.bundle.middle_std_m if map_.bundle and map_.georeferenced else None,
         range_errors=map_.bundle.range_errors if map_.bundle else None,
@@ -196,6 +198,20 @@ def _ground_covariances(map_: Map) -> Array | None:
     if len(main) != len(of_main):  # instruments have joined other parts to the refined one
         return None
     found = map_.over_floor_covariances.copy()
+    found[main] = of_main
+    return found
+
+
+def _joint_errors(map_: Map) -> Array | None:
+    """Return the largest errors of all poses together; None where a direction is open."""
+    main = np.flatnonzero(map_.component == 0)
+    if map_.bundle is None or len(main) != len(map_.bundle.w_T_b):
+        return None
+    try:
+        of_main = joint_errors(map_.bundle.optimum, map_.bundle.covariances, JOINT_ERRORS)
+    except SingularMatrixError:
+        return None
+    found = np.zeros((len(map_.component), *of_main.shape[1:]))
     found[main] = of_main
     return found
 

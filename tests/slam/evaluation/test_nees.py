@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest, wishart
 
+from slam.core.estimate import JOINT_ERRORS
 from slam.evaluation import evaluate
 from slam.evaluation.nees import consistency, nees, world_errors
 from tests.slam.evaluation.scene import estimate_of, exponential, flight_of, smooth_poses, yaw_shift
@@ -25,7 +26,7 @@ def with_known_errors(seed, count=120):
 
 def test_the_error_is_gtsams_logarithm():
     truth, hat, P = with_known_errors(0)
-    xi_w, P_w = world_errors(hat, truth, P)
+    xi_w, P_w, _ = world_errors(hat, truth, P)
     for k in range(0, 120, 7):
         ours = np.concatenate([hat[k, :3, :3].T @ part for part in (xi_w[k, :3], xi_w[k, 3:])])
         theirs = gtsam.Pose3.Logmap(gtsam.Pose3(hat[k]).between(gtsam.Pose3(truth[k])))
@@ -128,7 +129,9 @@ def with_a_common_scale(seed, scale_std, std=0.02, count=60):
     b_R_w[:, :3, :3] = b_R_w[:, 3:, 3:] = hat[:, :3, :3].transpose(0, 2, 1)
     truth = hat @ exponential((b_R_w @ xi_w[:, :, None])[:, :, 0])
     truth[0] = hat[0]
-    return hat, truth, b_R_w @ P_w @ b_R_w.transpose(0, 2, 1)
+    shared = np.zeros((count, 6, JOINT_ERRORS))
+    shared[:, :, 0] = (b_R_w @ common[:, :, None])[:, :, 0]
+    return hat, truth, b_R_w @ P_w @ b_R_w.transpose(0, 2, 1), shared
 
 
 @pytest.mark.parametrize("told", [True, pytest.param(False, marks=pytest.mark.slow)])
@@ -136,8 +139,8 @@ def test_the_band_allows_for_a_scale_that_all_poses_share(told):
     """Where the way turns, neighbours do not show that they err alike in it."""
     found = []
     for seed in range(80):
-        hat, truth, P = with_a_common_scale(seed, 0.02)
-        estimate = estimate_of(hat, covariances=P, scale_std=0.02 if told else None)
+        hat, truth, P, shared = with_a_common_scale(seed, 0.02)
+        estimate = estimate_of(hat, covariances=P, joint_errors=shared if told else None)
         found.append(evaluate(estimate, flight_of(truth)).nees)
     inside = np.mean([each.position.consistent for each in found])
     assert 0.92 <= inside <= 0.99 if told else inside < 0.9
@@ -147,10 +150,35 @@ def test_the_band_allows_for_a_scale_that_all_poses_share(told):
 def test_a_scale_that_errs_twice_as_much_as_stated_is_found():
     beyond = []
     for seed in range(30):
-        hat, truth, P = with_a_common_scale(seed, 0.02)
-        estimate = estimate_of(hat, covariances=P / 4, scale_std=0.01)
+        hat, truth, P, shared = with_a_common_scale(seed, 0.02)
+        estimate = estimate_of(hat, covariances=P / 4, joint_errors=shared / 2)
         beyond.append(not evaluate(estimate, flight_of(truth)).nees.position.consistent)
     assert np.mean(beyond) > 0.9
+
+
+def few_bends(rng, count, shared):
+    """Errors of which a few smooth ones are most, as on a map whose loops leave only bends of the whole path,
+    and those few (shared, count, 6)."""
+    at = np.linspace(0, np.pi, count)
+    share = 0.7 ** np.arange(1, shared + 1)
+    bends = np.array([np.cos(m * at + phase)[:, None] for m, phase in enumerate(rng.uniform(0, 3, shared))])
+    U = np.sqrt(0.9 * share / share.sum())[:, None, None] * bends * rng.normal(size=(shared, 1, 6))
+    left = np.sqrt(1 - np.clip(np.sum(U**2, axis=0), 0, 1))
+    U /= np.maximum(np.sqrt(np.sum(U**2, axis=0)), 1.0)
+    return np.einsum("m,mna->na", rng.normal(size=shared), U) + left * rng.normal(size=(count, 6)), U
+
+
+def test_the_band_is_exact_where_a_few_errors_are_shared():
+    rng = np.random.default_rng(5)
+    drawn = [few_bends(rng, 100, 8) for _ in range(400)]
+    told = [consistency(*each) for each in drawn]
+    assert 0.93 <= np.mean([each.consistent for each in told]) <= 0.97
+    below, above = (np.mean([side(each) for each in told]) for side in (
+        lambda each: each.mean < each.lower95, lambda each: each.mean > each.upper95
+    ))  # fmt: skip
+    assert max(below, above) < 0.045
+    untold = [consistency(errors) for errors, _ in drawn]
+    assert np.mean([each.consistent for each in untold]) < 0.9
 
 
 def test_independent_errors_keep_nearly_all_their_weight():
