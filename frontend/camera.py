@@ -63,13 +63,19 @@ class Camera:
     """Standard deviation of k1, k2, k3 and k4."""
     tangential_std: float = 0.0
     """Standard deviation of p1 and p2."""
-    mount_std_rad: float = 0.0
-    """Standard deviation of the tilt of the mount."""
+    mount_std_rad: float | None = None
+    """Standard deviation of the tilt of the mount, which is estimated above 0. None where nothing is told of
+    it, and 0 where it is exact: it is held in both."""
     readout_s: float = 0.0
     """Readout time. Row i of n is exposed readout_s i / (n - 1) after the stamp; 0 for a global shutter."""
     lens: LensModel = "brown"
     told: Camera | None = None
     """The camera with the lens that was told, where this lens is an estimate: the deviations are about it."""
+
+    @property
+    def has_free_mount(self) -> bool:
+        """Whether the tilt of the mount is estimated."""
+        return bool(self.mount_std_rad)
 
     @property
     def intrinsics(self) -> Intrinsics:

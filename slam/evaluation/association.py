@@ -82,7 +82,7 @@ def seeing_camera(estimate: Estimate, flight: Flight) -> Camera | None:
     nominal, estimated = flight.camera, estimate.camera
     if nominal is None or estimated is None:
         return nominal or estimated
-    return replace(nominal, b_T_c=estimated.b_T_c) if estimated.mount_std_rad > 0 else nominal
+    return replace(nominal, b_T_c=estimated.b_T_c) if estimated.has_free_mount else nominal
 
 
 def _refuse_other_pictures(estimate: Estimate, flight: Flight) -> None:

@@ -100,7 +100,7 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
         center_std_px=sensor.std("center_std", 0.0, max(width, height)),
         radial_std=sensor.std("radial_std", 0.0, 1.0),
         tangential_std=sensor.std("tangential_std", 0.0, 1.0),
-        mount_std_rad=sensor.std("mount_std", 0.0, math.pi),
+        mount_std_rad=sensor.std("mount_std", 0.0, math.pi) if sensor.has("mount_std") else None,
         readout_s=readout_s,
         lens=lens,
     )

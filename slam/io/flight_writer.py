@@ -189,10 +189,11 @@ def _write_camera(camera: Camera, frames: Frames | None, folder: Path, comment: 
         "center_std": camera.center_std_px,
         "radial_std": camera.radial_std,
         "tangential_std": camera.tangential_std,
-        "mount_std": camera.mount_std_rad,
         "readout": camera.readout_s,
     }
     nominal.update({key: value for key, value in other.items() if value})
+    if camera.mount_std_rad is not None:
+        nominal["mount_std"] = camera.mount_std_rad
     stamps = frames.stamps_s if frames is not None else np.empty(0)
     _write_sensor(folder, "camera", camera.b_T_c, stamps, _commented(nominal, comment))
     (folder / "data.csv").write_text("#timestamp [ns],filename\n")

@@ -253,7 +253,9 @@ def _covariances(context: Context, map_: Map) -> Array:
     if context.flight.parts or (map_.bundle is not None and map_.bundle.mount_std_rad > 0):
         return covariances  # each part has a level of its own, and an estimated mount is counted
     tilt = attitude_floor_tilt(context.flight, stamps_s, map_.of_main(map_.w_T_b))
-    return with_mount_error(covariances, map_.camera.b_T_c, held_mount_covariance(tilt, map_.inertial))
+    told_exact = map_.camera.mount_std_rad == 0.0
+    mount = held_mount_covariance(tilt, map_.inertial, told_exact)
+    return with_mount_error(covariances, map_.camera.b_T_c, mount)
 
 
 def _antenna_covariances(map_: Map) -> Array | None:

@@ -101,7 +101,7 @@ def pinhole_model(camera: Camera) -> PinholeModel:
         center_std_px=camera.center_std_px,
         radial_std=camera.radial_std,
         tangential_std=camera.tangential_std,
-        mount_std_rad=camera.mount_std_rad,
+        mount_std_rad=camera.mount_std_rad or 0.0,
         lens=camera.lens,
         told=camera.told_numbers if camera.told else None,
     )

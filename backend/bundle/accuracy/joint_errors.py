@@ -57,21 +57,21 @@ def joint_errors(optimum: BundleOptimum, covariances: Array, count: int) -> Arra
     operator = LinearOperator((size, size), matvec=times, dtype=float)
     variance, mode = eigsh(operator, kept, v0=np.ones(size), tol=_TOLERANCE)
     found = np.zeros((len(J), 6, count))
-    scaled = (mode * np.sqrt(np.maximum(variance, 0.0)))[:, ::-1].reshape(len(J), 6, kept)
-    found[:, :, :kept] = factor @ scaled
+    by_one_std = np.asarray(mode * np.sqrt(np.maximum(variance, 0.0)))[:, ::-1]
+    found[:, :, :kept] = factor @ by_one_std.reshape(len(J), 6, kept)
     return found
 
 
 def _square_roots(covariances: Array) -> tuple[Array, Array]:
     """Return roots F (n, 6, 6), F F' the covariances, and their inverses; both without fixed directions."""
-    known = np.isfinite(covariances).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(covariances).all(axis=(1, 2)))
     P = np.where(known[:, None, None], covariances, 0.0)
     std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
     # Radians and metres differ by orders of magnitude: a correlation has no unit.
     by_std = np.divide(1.0, std, out=np.zeros_like(std), where=std > 0)
     eigenvalue, V = np.linalg.eigh(by_std[:, :, None] * P * by_std[:, None, :])
-    free = eigenvalue > _SINGULAR
-    root = np.sqrt(np.where(free, eigenvalue, 1.0))
-    factor = std[:, :, None] * V * (root * free)[:, None, :]
-    inverse = (V * (free / root)[:, None, :]).transpose(0, 2, 1) * by_std[:, None, :]
+    root: Array = np.sqrt(np.where(eigenvalue > _SINGULAR, eigenvalue, 0.0))
+    by_root = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
+    factor = std[:, :, None] * V * root[:, None, :]
+    inverse = (V * by_root[:, None, :]).transpose(0, 2, 1) * by_std[:, None, :]
     return factor, inverse

@@ -45,7 +45,7 @@ def estimated_mount(
     turn[:3, :3] = Rotation.from_rotvec([-tilt.in_body[1], tilt.in_body[0], 0.0]).as_matrix()
     mount = turn @ camera.b_T_c
     mount[:3, 3] = camera.b_T_c[:3, 3]
-    return replace(camera, b_T_c=mount, mount_std_rad=max(camera.mount_std_rad, _FREE_RAD))
+    return replace(camera, b_T_c=mount, mount_std_rad=max(camera.mount_std_rad or 0.0, _FREE_RAD))
 
 
 def mount_tilt(nominal: Camera | None, bundle: Bundle | None) -> MountTilt | None:

@@ -12,20 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
+from slam.mapping.calibration.attitude_floor_tilt import SURE, AttitudeFloorTilt
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 
 Array = NDArray[np.float64]
 
 
-def held_mount_covariance(tilt: AttitudeFloorTilt | None, by_inertia: AccelerometerScale | None) -> Array:
+def held_mount_covariance(
+    tilt: AttitudeFloorTilt | None, by_inertia: AccelerometerScale | None, told_exact: bool = False
+) -> Array:
     """Return the covariance (2, 2) of the error of a held mount, a rotation about the body's x and y in rad.
 
     Mount and zero of the instrument are two normal errors of mean zero and of one unknown size. Their sum is
     the measured lean, whose square, less that of its noise, determines the size. The second moment of the
     mount's share is the covariance. Accelerometer and attitude have different zeros but one camera: the mount
     is off by no more than the smaller of their leans. The covariance is zero where no instrument measures
-    which way is up.
+    which way is up, and for a mount that is told to be exact and that no significant lean contradicts.
     """
     seen = list[tuple[Array, float]]()
     if tilt is not None:
@@ -38,8 +40,8 @@ def held_mount_covariance(tilt: AttitudeFloorTilt | None, by_inertia: Accelerome
     if not seen:
         return np.zeros((2, 2))
     (forward, left), std = min(seen, key=lambda each: float(each[0] @ each[0]) + 2 * each[1] ** 2)
-    square = max(forward**2 + left**2 - 2 * std**2, 0.0)
-    if square == 0.0:
+    square = forward**2 + left**2 - 2 * std**2
+    if square <= 0.0 or (told_exact and np.hypot(forward, left) < SURE * std):
         return np.zeros((2, 2))
     # The axis about which the body's up direction leans forward and left.
     axis = np.array([-left, forward]) / np.hypot(forward, left)

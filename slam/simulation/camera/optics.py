@@ -63,13 +63,17 @@ class CameraModel:
     """OpenCV's k1, k2, p1, p2, reported in the flight."""
 
     def camera(self) -> Camera:
-        """Return the intrinsics. Without distortion the field of view spans the outer borders of the
-        picture."""
+        """Return the intrinsics, and a mount that is told to be exact. Without distortion the field of view
+        spans the outer borders of the picture."""
         width, height = self.size_px
         focal = width / 2 / np.tan(np.radians(self.horizontal_fov_deg) / 2)
         center = ((width - 1) / 2, (height - 1) / 2)
         return Camera(
-            focal_px=(focal, focal), center_px=center, size_px=self.size_px, distortion=self.distortion
+            focal_px=(focal, focal),
+            center_px=center,
+            size_px=self.size_px,
+            distortion=self.distortion,
+            mount_std_rad=0.0,
         )
 
 

@@ -64,7 +64,8 @@ def test_every_stream_is_read_back(tmp_path):
     assert back.warnings == ()
 
 
-def test_uncertainties_of_a_camera_are_read_back(tmp_path):
+@pytest.mark.parametrize("mount_std_rad", [None, 0.0, 0.02])
+def test_uncertainties_of_a_camera_are_read_back(tmp_path, mount_std_rad):
     flight = made_flight()
     unsure = dataclasses.replace(
         flight.camera,
@@ -73,7 +74,7 @@ def test_uncertainties_of_a_camera_are_read_back(tmp_path):
         center_std_px=9.0,
         radial_std=0.1,
         tangential_std=0.002,
-        mount_std_rad=0.02,
+        mount_std_rad=mount_std_rad,
         readout_s=0.03,
     )
     write_flight(dataclasses.replace(flight, camera=unsure), tmp_path / "f")

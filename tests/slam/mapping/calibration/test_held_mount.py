@@ -40,6 +40,15 @@ def test_a_lean_by_chance_is_no_mount() -> None:
     assert not held_mount_covariance(noise, None).any()
 
 
+def test_an_exact_mount_is_believed_until_a_clear_lean_contradicts_it() -> None:
+    vague, clear = leaning(3e-4, 0.0), leaning(5e-4, 0.0)
+    assert held_mount_covariance(vague, None).any()
+    assert not held_mount_covariance(vague, None, told_exact=True).any()
+    np.testing.assert_array_equal(
+        held_mount_covariance(clear, None, told_exact=True), held_mount_covariance(clear, None)
+    )
+
+
 def test_a_lean_forward_is_a_rotation_about_left() -> None:
     told = held_mount_covariance(leaning(0.05, 0.0), None)
     assert told[1, 1] == pytest.approx(3 * told[0, 0])
