@@ -29,6 +29,7 @@ from slam.core.progress import Progress, silent
 from slam.core.units import unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
 from slam.report.rasters.level_ground import is_level, levelled
+from slam.report.rasters.look_elsewhere import looking_elsewhere
 from slam.report.rasters.quality import write_quality
 from slam.report.rasters.surface import MeasuredGround, measure_ground, without_unseen
 
@@ -87,7 +88,7 @@ def write_mosaic(
     """Render the keyframes over the floor into mosaic.tif, .png, .pgw and _quality.tif.
 
     Unconnected parts of the graph have no position relative to the largest one: without GPS only the largest
-    is drawn.
+    is drawn. A part of photographs that do not look down by their pictures is not drawn either.
 
     Tiles that the GeoTIFF ``earlier`` already has are copied from it, if they show the same pictures at the
     same poses in the same way. The files are the same as without it. The default is the file in ``out_dir``
@@ -96,11 +97,8 @@ def write_mosaic(
     Raises ``InputError`` where there is no camera or picture, where no picture sees the floor, or where the
     disk refuses; the files of an earlier run then remain unchanged.
     """
-    out_dir, leave_out = Path(out_dir), {}
-    if estimate.origin is None:
-        apart = np.flatnonzero(estimate.component > 0)
-        leave_out = {int(k): "in a part of the flight that is not tied to the largest" for k in apart}
-    made = _planned(estimate, flight, estimate.over_floor_T_b, leave_out, gsd_m, _stage(progress, "mosaic"))
+    out_dir, poses = Path(out_dir), estimate.over_floor_T_b
+    made = _planned(estimate, flight, poses, _apart(estimate, flight), gsd_m, _stage(progress, "mosaic"))
     made, ground, poses = _over_ground(made, estimate)
     plan = made.plan
     with _put_into(out_dir) as work:
@@ -130,6 +128,15 @@ def write_mosaic(
         kept=tiles.kept,
         ground=ground,
     )
+
+
+def _apart(estimate: Estimate, flight: Flight) -> dict[int, str]:
+    """Return the numbers of the keyframes of parts that cannot be drawn beside the largest, with reasons."""
+    camera = estimate.camera or flight.camera
+    if estimate.origin is None:
+        apart = np.flatnonzero(estimate.component > 0)
+        return {int(k): "in a part of the flight that is not tied to the largest" for k in apart}
+    return {} if camera is None else looking_elsewhere(estimate, flight, camera)
 
 
 def _not_drawn(estimate: Estimate, plan: MosaicPlan) -> dict[str, str]:
