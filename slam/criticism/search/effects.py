@@ -12,6 +12,7 @@ from math import pi
 
 import numpy as np
 
+from slam.core.arrays import Array
 from slam.criticism.camera.photometric import VARIANCE_PATTERNS
 from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters, slot
 from slam.criticism.kalman.kernel_inputs import Perturbation
@@ -80,6 +81,10 @@ class Effect:
     def in_catalogue_units(self, column: int, size: float, parameters: FilterParameters) -> float:
         """Return a column's size in the catalogue's units."""
         return fitted_parameter(self.columns[column]).in_catalogue_units(float(size), parameters)
+
+    def size_in(self, parameters: FilterParameters) -> Array:
+        """Return (columns,) its size in filter parameters."""
+        return np.array([fitted_parameter(column).size_in(parameters) for column in self.columns])
 
     def without(self, parameters: FilterParameters) -> FilterParameters:
         """Return the parameters without it; a nuisance beyond its range keeps its value."""

@@ -17,12 +17,7 @@ from slam.core.arrays import Array, Mask
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.effects import (
-    Effect,
-    delayed_readings,
-    effects_for,
-    relaxed_nuisances,
-)
+from slam.criticism.search.effects import Effect, delayed_readings, effects_for, relaxed_nuisances
 from slam.criticism.search.fitted_parameters import (
     GAIN_CORRECTED,
     MEAN_PERTURBATIONS,
@@ -148,19 +143,18 @@ def expand(
 def backwards(effect: Effect, expansion: LikelihoodExpansion, maximum: Maximum) -> bool:
     """Whether a non-negative size would be negative, or a size lies far beyond its plausible range."""
     size, covariance = expansion.fitted(effect, maximum)
-    if effect.positive and size[0] < 0:
-        return True
-    if effect.is_profiled or not effect.perturbations or not effect.parameters:
-        return False
-    std = 2.0 * np.sqrt(np.diag(covariance))
-    for k, name in enumerate(effect.parameters):
+    far = is_implausible(effect, expansion.parameters, size, 2.0 * np.sqrt(np.diag(covariance)))
+    return (effect.positive and bool(size[0] < 0)) or (far and not effect.is_profiled)
+
+
+def is_implausible(effect: Effect, parameters: FilterParameters, size: Array, reach: Array) -> bool:
+    """Whether a size (columns,) lies far beyond its plausible range, by more than ``reach`` (columns,)."""
+    for k, name in enumerate(effect.parameters if effect.perturbations else ()):
         usual = CATALOGUE[effect.name].parameter(name)
-        reach = PLAUSIBLE * max(abs(usual.high - usual.neutral), abs(usual.low - usual.neutral))
-        ends = (size[k] - std[k], size[k] + std[k])
-        values = [effect.in_catalogue_units(k, end, expansion.parameters) for end in ends]
-        if min(values) > min(usual.neutral + reach, usual.most):
-            return True
-        if max(values) < max(usual.neutral - reach, usual.least):
+        far = PLAUSIBLE * max(abs(usual.high - usual.neutral), abs(usual.low - usual.neutral))
+        least, most = max(usual.neutral - far, usual.least), min(usual.neutral + far, usual.most)
+        values = [effect.in_catalogue_units(k, size[k] + side * reach[k], parameters) for side in (-1, 1)]
+        if max(values) < least or min(values) > most:
             return True
     return False
 

@@ -21,6 +21,7 @@ from slam.criticism.search.expansion import (
     LikelihoodExpansion,
     ScoreTest,
     expand,
+    is_implausible,
     mask_each_other,
     masked_pair,
 )
@@ -94,8 +95,8 @@ def with_term_replaced(
 ) -> SearchResult:
     """Replace a chosen term by the best of some sets of terms, each fitted with the filter run anew.
 
-    The result is unchanged where none explains more. A term is chosen as it looks from the healthy vehicle;
-    what others would explain in its place shows only about the parameters with it.
+    The result is unchanged where none explains more with a plausible size. A term is chosen as it looks from
+    the healthy vehicle; what others would explain in its place shows only about the parameters with it.
     """
     rest = [e for e in found.chosen if e is not place]
     bare = place.without(found.last.parameters)
@@ -104,18 +105,19 @@ def with_term_replaced(
     fits = []
     for others in candidates:
         nats, parameters = refit(found.records, found.model, bare, [*rest, *others])
+        free = [e.free for e in others]
+        if any(is_implausible(e, parameters, e.size_in(parameters), np.zeros(len(e.columns))) for e in free):
+            nats = -np.inf
         cost = sum(parameter_cost(len(e.columns)) for e in others)
         cost += (len(others) - 1) * np.log(len(CATALOGUE))
-        fits.append((nats - cost, others, parameters))
-    best, others, parameters = max(fits, key=lambda fit: fit[0])
-    gained = best - old
-    chosen = [e.free for e in (*rest, *others)]
+        fits.append((nats - cost - old, others, parameters))
+    gained, others, parameters = max(fits, key=lambda fit: fit[0])
     alike = abs(gained) < VERY_SIMILAR_NATS
     if gained <= 0.0:
-        if len(others) == 1:
-            return replace(found, leads=found.leads | {(place.label, others[0].label): -gained})
-        rivals = {place.name: tuple(e.name for e in others)} if alike else {}
-        return replace(found, rivals=found.rivals | rivals)
+        leads = {(place.label, e[0].label): -less for less, e, _ in fits if len(e) == 1}
+        rivals = {place.name: tuple(e.name for e in others)} if alike and len(others) > 1 else {}
+        return replace(found, rivals=found.rivals | rivals, leads=found.leads | leads)
+    chosen = [e.free for e in (*rest, *others)]
     expansion = expand(found.records, found.model, parameters, chosen)
     leads = found.leads | {(others[0].label, place.label): gained} if len(others) == 1 else {}
     rivals = found.rivals | {e.name: (place.name,) if alike else () for e in others}

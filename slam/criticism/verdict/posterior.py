@@ -186,10 +186,12 @@ def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Plac
 
 def likeliest(found: SearchResult, posterior: Posterior) -> SearchResult:
     """Return the search result with chosen terms replaced by more probable ones, each by one or two."""
-    other = likelier_term(found, posterior)
-    if other is not None:
+    tried: set[tuple[str, str]] = set()
+    while other := likelier_term(found, posterior, tried):
         place, name = other
+        tried.add((place.name, name))
         found = with_term_replaced(found, place, [(e,) for e in found.last.effects if e.name == name])
+        posterior = posterior_of(found)
     for place in found.chosen:
         if pairs := likelier_pairs(found, place):
             found = with_term_replaced(found, place, pairs)
@@ -198,13 +200,15 @@ def likeliest(found: SearchResult, posterior: Posterior) -> SearchResult:
     return found
 
 
-def likelier_term(found: SearchResult, posterior: Posterior) -> tuple[Effect, str] | None:
-    """Return a chosen term and the name of a more probable one in its place, or None."""
+def likelier_term(
+    found: SearchResult, posterior: Posterior, tried: Container[tuple[str, str]] = ()
+) -> tuple[Effect, str] | None:
+    """Return a chosen term and the name of a more probable one in its place, not ``tried`` yet, or None."""
     for effect, place in zip(found.chosen, posterior.places, strict=False):
         if effect.is_term and not effect.is_saturation and not effect.changes:
-            known = {n: posterior.probability.get(n, 0.0) for n in place.names}
-            best = max(known, key=lambda n: known[n])
-            if known[best] > known[effect.name]:
+            names = [n for n in place.names if (effect.name, n) not in tried]
+            best = max(names, key=lambda n: posterior.probability.get(n, 0.0))
+            if posterior.probability.get(best, 0.0) > posterior.probability.get(effect.name, 0.0):
                 return effect, best
     return None
 
@@ -222,11 +226,7 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, ...
         rest = [expansion.own(e) for e in found.chosen if e is not place]
         own = expansion.score_tests(rest, [expansion.own(place)])[0]
         best = next(iter(ranked_pairs(expansion, rest, place)), None)
-        if (
-            best is not None
-            and best.worth - dearer > own.worth
-            and (expansion is found.last or own.z < LINEAR_Z)
-        ):
+        if best and (expansion is found.last or own.z < LINEAR_Z) and best.worth - dearer > own.worth:
             pairs.append(best.effects)
     return pairs
 

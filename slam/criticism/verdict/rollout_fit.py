@@ -124,21 +124,18 @@ def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[E
     """Add those of the candidates that improve the roll-outs. Their gain must make them more probable than
     not, where their score test is below that of any second term."""
     chosen = list(found.chosen)
-    test = found.last.score_tests(chosen, found.last.effects)
-    names = {e.name for e in chosen}
-    limits = load_thresholds()
-    moving = [s for s in test if s.z > limits.effects and _flies(s.effect)]
-    for candidate in [s for s in moving if s.effect.name not in names][:MOST_CANDIDATES]:
+    tests = found.last.score_tests(chosen, found.last.effects)
+    limits, names = load_thresholds(), {e.name for e in chosen}
+    moving = [s for s in tests if s.z > limits.effects and _flies(s.effect) and s.effect.name not in names]
+    for candidate in moving[:MOST_CANDIDATES]:
         extra = candidate.effect
         # A term that may be tried in two ways enters in the first way that improves the fit.
         if extra.name in {e.name for e in chosen}:
             continue
-        best_candidate = course.fitted(fit.parameters, [*chosen, extra])
-        is_probable = candidate.z > limits.second or course.nats(best_candidate, fit).sum() > required_nats(
-            extra
-        )
-        if is_probable and best_candidate.better_than(fit):
-            chosen, fit = [*chosen, extra], best_candidate
+        tried = course.fitted(fit.parameters, [*chosen, extra])
+        is_probable = candidate.z > limits.second or course.nats(tried, fit).sum() > required_nats(extra)
+        if is_probable and tried.better_than(fit):
+            chosen, fit = [*chosen, extra], tried
     return chosen, fit
 
 

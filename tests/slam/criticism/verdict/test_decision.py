@@ -16,7 +16,7 @@ from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import load_thresholds
-from slam.criticism.verdict import decision, judge
+from slam.criticism.verdict import decision, judge, posterior
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import (
     by_importance,
@@ -33,6 +33,7 @@ from slam.criticism.verdict.posterior import (
     Place,
     Posterior,
     likelier_term,
+    likeliest,
     posterior_of,
     probabilities,
 )
@@ -90,6 +91,17 @@ def test_a_certain_cause_leads_whatever_a_doubtful_one_gains():
     assert decide([gusts], probability, [Remark("odd")])[0] == "unknown"
     pattern = ResidualPattern.of("roll ~ pitch", 3.0)
     assert decide([gusts], probability, [], [pattern]) == ("unknown", (), (pattern,))
+
+
+def test_causes_after_the_leading_one_are_told_by_their_probability():
+    gains = {"flow_scale": 50.0, "attitude_lag": 96.0, "gusts": 40.0, "control_latency": 30.0}
+    probability = {"flow_scale": 0.99, "attitude_lag": 0.04, "gusts": 0.5, "control_latency": 0.96}
+    causes = [
+        replace(cause(name, probability[name]), gain=replace(GAIN, nats=nats)) for name, nats in gains.items()
+    ]
+    for order in (causes, causes[::-1]):
+        told = [c.name for c in by_importance(order)]
+        assert told == ["flow_scale", "control_latency", "gusts", "attitude_lag"]
 
 
 def test_a_cause_that_worsens_roll_outs_is_not_claimed_beside_something_unknown():
@@ -166,6 +178,26 @@ def test_what_is_likelier_in_place_of_a_chosen_term_is_found():
 
     assert by(0.001, 0.999) == (lag, "control_latency")
     assert by(0.6, 0.4) is None
+
+
+def test_every_term_that_seems_less_probable_than_another_is_compared_with_it_once(monkeypatch):
+    """One comparison in vain must not leave the next chosen term beside a more probable alternative."""
+    brake = Effect("active_braking", relaxes=("k_b",))
+    lag = Effect("attitude_lag", relaxes=("vehicle.attitude_time_s",))
+    found = SimpleNamespace(chosen=(brake, lag), last=SimpleNamespace(effects=()))
+    places = Place((brake.name, "asymmetric_drag"), 0.0, ""), Place((lag.name, "control_latency"), 0.0, "")
+    known = Posterior({n: float(n == p.names[1]) for p in places for n in p.names}, places)
+    compared = []
+
+    def in_vain(found, place, candidates):
+        compared.append(place.name)
+        return found
+
+    monkeypatch.setattr(posterior, "with_term_replaced", in_vain)
+    monkeypatch.setattr(posterior, "posterior_of", lambda _: known)
+    monkeypatch.setattr(posterior, "likelier_pairs", lambda *_: [])
+    assert likeliest(found, known) is found
+    assert compared == ["active_braking", "attitude_lag"]
 
 
 def searched(nats, chosen, covariance=None, **more):
