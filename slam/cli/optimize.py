@@ -51,7 +51,7 @@ _CRS = typer.Option(
 _GCP = typer.Option(
     "--gcp",
     metavar="FILE",
-    help="Control points: gcp_list.txt of OpenDroneMap; default: the one in the folder of photos, if any.",
+    help="Control points: gcp_list.txt of OpenDroneMap; default: the one in the folder of the flight.",
 )
 _CHECK = typer.Option(
     "--check",

@@ -19,6 +19,7 @@ from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_names, read_numbers
 from slam.io.files import brief, check_inside, refusal
 from slam.io.flight_writer import write_flight
+from slam.io.gcp_list import with_own_points
 from slam.io.landmarks import check_pairs, read_landmarks
 from slam.io.plausibility import check_stamp_unit, check_stamps_agree
 from slam.io.sensor_yaml import YamlFile, read_yaml
@@ -52,7 +53,8 @@ class _Recording:
 def read_flight(path: Path | str, camera: str = "cam0") -> Flight:
     """Read the flight in the folder ``path``.
 
-    ``camera`` is the folder whose pictures are read; a flight folder has ``cam0`` alone.
+    ``camera`` is the folder whose pictures are read; a flight folder has ``cam0`` alone. Control points come
+    from ``gcp_list.txt``, if it is there (`slam.io.gcp_list`).
     The clock of the returned ``Flight`` starts at the smallest first stamp of all streams. Raises
     ``InputError``, with file and line, if a rule of the format is broken and the meaning of the data is
     uncertain.
@@ -78,7 +80,7 @@ def read_flight(path: Path | str, camera: str = "cam0") -> Flight:
     _note_truncation(recording, truncated)
     landmarks, notes = read_landmarks(root) if _exists(root / "landmarks.csv") else ({}, [])
     recording.warnings += notes
-    return Flight(
+    flight = Flight(
         name=brief(metadata.text("name", "") or root.resolve().name, 120),
         epoch_ns=epoch_ns,
         landmarks=landmarks,
@@ -89,6 +91,7 @@ def read_flight(path: Path | str, camera: str = "cam0") -> Flight:
         all_keyframes=all_keyframes,
         **parts,
     )
+    return with_own_points(flight, root)
 
 
 def _flight_root(root: Path) -> Path:

@@ -21,6 +21,7 @@ from slam.core.control_points import PictureView, Role, SurveyedPoint
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
 from slam.core.names import listed
+from slam.core.surveyed_flight import with_surveyed
 from slam.io.files import brief, read_text, refusal
 from slam.io.survey_system import NAME_IT, SurveySystem
 
@@ -82,6 +83,18 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     points = _with_two_names(points, by_name)
     firsts = np.array([by_name[point.name][0].place[:2] for point in points])
     return _near_flight(path, points, flight, firsts, system), [*notes, *unknown]
+
+
+def with_own_points(flight: Flight, folder: Path) -> Flight:
+    """Return a flight with the control points of ``gcp_list.txt`` in its folder, if there is such a file.
+
+    Raises ``InputError`` as `read_gcp_list` does.
+    """
+    path = folder / FILE_NAME
+    if not path.is_file():
+        return flight
+    points, notes = read_gcp_list(path, flight)
+    return with_surveyed(replace(flight, warnings=(*flight.warnings, *notes)), points)
 
 
 def _numbers(fields: list[str]) -> list[float] | None:

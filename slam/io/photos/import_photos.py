@@ -10,7 +10,6 @@ satellites', else from the order of the names.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -22,9 +21,8 @@ from slam.core.flight import AttitudeSeries, Flight, Frames, Scalar
 from slam.core.messages import Note
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
-from slam.core.surveyed_flight import with_surveyed
 from slam.io.files import brief
-from slam.io.gcp_list import FILE_NAME, read_gcp_list
+from slam.io.gcp_list import with_own_points
 from slam.io.images import PictureFiles, common_levels
 from slam.io.photos.camera import photo_camera
 from slam.io.photos.exif import PhotoTags
@@ -76,10 +74,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
         ),
         all_keyframes=True,
     )
-    if not (folder / FILE_NAME).is_file():
-        return flight
-    points, gcp_notes = read_gcp_list(folder / FILE_NAME, flight)
-    return with_surveyed(replace(flight, warnings=(*flight.warnings, *gcp_notes)), points)
+    return with_own_points(flight, folder)
 
 
 def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.int64], tuple[str, ...]]:

@@ -15,7 +15,9 @@ from slam.core.flight import Flight, Frames, Gps
 from slam.core.geodesy import ECCENTRICITY_2
 from slam.core.join_flights import join_flights
 from slam.core.surveyed_flight import with_surveyed
+from slam.io.flight_folder import read_flight, write_flight
 from slam.io.gcp_list import read_gcp_list
+from tests.slam.io.made_flight import made_flight
 
 NAMES = ("DJI_0010.JPG", "sub/DJI_0020.JPG", "DJI_0030.JPG")
 UTM = ["WGS84 UTM 32N"]
@@ -242,3 +244,19 @@ def test_a_list_replaces_points_of_a_flight_whose_receiver_had_no_fix(tmp_path):
     blind = replace(flight(), gps=Gps(np.arange(3.0), nowhere, nowhere, nowhere), surveyed=points)
     again, _ = read(tmp_path, [*UTM, *ROWS], blind)
     assert again == points
+
+
+def test_a_flight_folder_s_own_list_is_read_with_it(tmp_path):
+    written = made_flight()
+    write_flight(written, tmp_path / "f")
+    origin, name = written.geo_origin(), read_flight(tmp_path / "f").frames.names[0]
+    place = f"{origin.longitude_deg} {origin.latitude_deg} 12.5"
+    listed = f"EPSG:4326\n{place} 20 10 {name} north\n{place} 20 10 gone.png north\n"
+    (tmp_path / "f" / "gcp_list.txt").write_text(listed)
+    back = read_flight(tmp_path / "f")
+    (point,) = back.surveyed
+    assert (point.name, point.altitude_m, point.views) == ("north", 12.5, (PictureView(name, 20.0, 10.0),))
+    assert any("gcp_list.txt, line 3: no picture of the flight has this name" in w for w in back.warnings)
+    (tmp_path / "f" / "gcp_list.txt").write_text("EPSG:4326\n1 2 3\n")
+    with pytest.raises(InputError, match=r"gcp_list\.txt.* has 3 fields, fewer than 6"):
+        read_flight(tmp_path / "f")
