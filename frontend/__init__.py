@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from frontend.camera import Camera
-    from frontend.features import Extractor, FeatureConfig, Features, FeatureUnavailableError
+    from frontend.features import Extractor, FeatureConfig, Features
     from frontend.gates import GateConfig
     from frontend.homography import HomographyConfig, HomographyFit, fit_homography, transfer
     from frontend.keyframes import KeyframeConfig, Tracker
@@ -24,7 +24,7 @@ _MODULES = {
     "Camera": "frontend.camera",
     "Extractor": "frontend.features",
     "FeatureConfig": "frontend.features",
-    "FeatureUnavailableError": "frontend.features",
+    "FeatureUnavailableError": "frontend.opencv_features",
     "Features": "frontend.features",
     "GateConfig": "frontend.gates",
     "HomographyConfig": "frontend.homography",

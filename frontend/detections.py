@@ -1,8 +1,9 @@
-"""Choice of the features that are kept of all that a detector finds in a picture."""
+"""Points that a detector finds in a picture, and the choice of those that are kept."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,23 @@ Array = NDArray[np.float64]
 
 CROWDING_SHARE = 0.68
 """Features are crowded if the fullest third of the cells holds more than this share of them. On floors it
-holds half to two thirds. In crowded pictures, cells with less than half of an even share keep all their
-points, and fuller cells keep only an even share."""
-SPARSE_CELL_RATIO, LIMIT_REACHED_RATIO = 0.5, 0.9
+holds half to two thirds."""
+LIMIT_REACHED_RATIO = 0.9
+"""Share of the limit below which features are few, and none stands in the way of another."""
+
+
+@dataclass(frozen=True)
+class Described:
+    """Points of a searched picture that are kept, with their descriptors."""
+
+    pixel: Array
+    """(n, 2) in that picture."""
+    size_px: Array
+    """(n,) diameters."""
+    response: Array
+    """(n,) strengths."""
+    descriptor: NDArray[Any]
+    """(n, d) as they were found."""
 
 
 @dataclass(frozen=True)
@@ -37,30 +52,26 @@ class Detections:
         order = np.lexsort((*attributes[-2::-1], *pixel.T, -attributes[-1]))
         return Detections(cells(pixel, size_px), order)
 
-    def are_crowded(self, limit: int) -> bool:
-        """Return whether the ``limit`` strongest points are crowded."""
-        count = np.bincount(self.cell[self.by_strength[:limit]], minlength=COUNT)
-        full = count.sum() >= LIMIT_REACHED_RATIO * limit
-        return bool(full and np.sort(count)[-COUNT // 3 :].sum() > CROWDING_SHARE * count.sum())
-
     def strongest(self, limit: int) -> NDArray[np.int64]:
-        """Return up to ``limit`` points: the strongest, or, where these are crowded, fewer of the full cells.
+        """Return up to ``limit`` points: the strongest, or, where these are crowded, no more of each cell
+        than an even share among the cells that have any.
 
         A textured object, such as a landing gear or a passer-by, could otherwise use up the limit and leave
         no features for the floor.
         """
         chosen = self.by_strength[:limit]
-        if self.are_crowded(limit):
-            sparse = np.bincount(self.cell[chosen], minlength=COUNT) < SPARSE_CELL_RATIO * limit / COUNT
-            within = self._limited_per_cell(chosen[~sparse[self.cell[chosen]]], round(limit / COUNT))
-            others = self.by_strength[sparse[self.cell[self.by_strength]]]
-            chosen = np.concatenate([within, others[: limit - len(within)]])
-        return chosen
+        return self._evenly(limit) if self._are_crowded(chosen, limit) else chosen
 
-    def _limited_per_cell(self, chosen: NDArray[np.int64], quota: int) -> NDArray[np.int64]:
-        """Return the first ``quota`` of the ``chosen`` points (k,) in each cell, in their order."""
-        cell = self.cell[chosen]
+    def _are_crowded(self, chosen: NDArray[np.int64], limit: int) -> bool:
+        count = np.sort(np.bincount(self.cell[chosen], minlength=COUNT))
+        reached = len(chosen) >= LIMIT_REACHED_RATIO * limit
+        return bool(reached and count[-COUNT // 3 :].sum() > CROWDING_SHARE * len(chosen))
+
+    def _evenly(self, limit: int) -> NDArray[np.int64]:
+        """Return the strongest points of each cell, an even share of the limit, strongest first."""
+        cell = self.cell[self.by_strength]
         by_cell = np.argsort(cell, kind="stable")
-        first = np.zeros(len(chosen), dtype=bool)
-        first[by_cell[place_in_run(cell[by_cell]) < quota]] = True
-        return chosen[first]
+        share = np.ceil(limit / len(np.unique(cell)))
+        kept = np.sort(by_cell[place_in_run(cell[by_cell]) < share])
+        evenly: NDArray[np.int64] = self.by_strength[kept][:limit]
+        return evenly

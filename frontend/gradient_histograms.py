@@ -24,6 +24,8 @@ window, both in scales of the keypoint."""
 CELLS, DIRECTIONS, CELL_SIGMAS = 4, 8, 3.0
 """Cells along a side of the described window, directions of gradients in each, and the side of a cell in
 scales of the keypoint."""
+LENGTH = CELLS * CELLS * DIRECTIONS
+"""Numbers of a descriptor."""
 LARGEST = 0.2
 """Largest share of one direction in one cell."""
 ORIENTATION_SAMPLES, DESCRIPTION_SAMPLES = 11, 12
@@ -34,7 +36,7 @@ def descriptors(space: ScaleSpace, keypoints: Keypoints) -> Floats:
     """Return descriptors (n, 128) of keypoints, of unit length."""
     order = np.argsort(keypoints.octave * PICTURES + keypoints.layer, kind="stable")  # each picture at a time
     sorted_keypoints = keypoints[order]
-    descriptor = np.empty((len(keypoints), CELLS * CELLS * DIRECTIONS), np.float32)
+    descriptor = np.empty((len(keypoints), LENGTH), np.float32)
     descriptor[order] = _descriptors(space, sorted_keypoints, _orientations(space, sorted_keypoints))
     return descriptor
 
@@ -67,7 +69,8 @@ def _descriptors(space: ScaleSpace, keypoints: Keypoints, angle: Floats) -> Floa
     step = ((CELLS + 1) * CELL_SIGMAS / count * keypoints.sigma_px).astype(np.float32)
     gx, gy = _gradients(space, keypoints, np.cos(angle) * step, np.sin(angle) * step, count)
     # A direction gets the cosine of a gradient beyond that of half a right angle, not a linear share.
-    least = cv2.magnitude(gx, gy) * np.float32(np.cos(2 * np.pi / DIRECTIONS))
+    # The last bit of OpenCV's magnitude depends on where an array lies in memory.
+    least = np.sqrt(gx * gx + gy * gy) * np.float32(np.cos(2 * np.pi / DIRECTIONS))
     by_direction = np.empty((DIRECTIONS, len(keypoints), CELLS * CELLS), np.float32)
     along, weight = np.empty_like(gx), _cell_weights(count)
     for k in range(DIRECTIONS // 2):

@@ -1,7 +1,8 @@
 """Keypoints of a picture: extrema of differences of Gaussians in the scale space of the doubled picture.
 
-They are those of OpenCV's SIFT, which takes twice the time for photographs: whole pictures are filtered and
-compared here in integers of 16 bits, and all keypoints refined at once. Source: Lowe 2004, sections 3 and 4.
+They are those of OpenCV's SIFT, which takes twice the time for large pictures and 1.5 times that for small
+ones: whole pictures are filtered and compared here in integers of 16 bits, and all keypoints refined at once.
+Source: Lowe 2004, sections 3 and 4.
 """
 
 from __future__ import annotations

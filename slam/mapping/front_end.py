@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from backend.measurements import LinkCheck, Rejection
 from frontend.camera import Camera
-from frontend.features import Extractor, Features, FeatureUnavailableError
+from frontend.features import Extractor, Features
 from frontend.keyframes import IsUrged, Tracker
 from frontend.loops import overlapping, propose_loops, verify
 from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation
+from frontend.opencv_features import FeatureUnavailableError
 from frontend.registration import Registration, overlap, refused, register
 from frontend.store import FeatureStore
 from frontend.tracked import IntermediateFrame, Keyframe

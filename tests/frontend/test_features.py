@@ -8,8 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.features import Extractor, FeatureConfig, FeatureKind, FeatureUnavailableError
+from frontend.features import Extractor, FeatureConfig, FeatureKind
 from frontend.matching import match
+from frontend.opencv_features import FeatureUnavailableError
 from tests.frontend.floor_pairs import CAMERA, FISHY, texture
 
 KINDS: tuple[FeatureKind, ...] = ("sift", "orb", "orb-teblid", "akaze")
@@ -182,7 +183,7 @@ def test_a_textured_object_leaves_features_for_the_floor() -> None:
 @pytest.mark.parametrize("kind", ["sift", "orb"])
 @pytest.mark.parametrize("blur_px", [0.0, 6.0])
 def test_features_do_not_depend_on_the_pictures_before(kind: FeatureKind, blur_px: float) -> None:
-    """After a crowded picture, or with a mask that hides nothing, SIFT detects and describes apart."""
+    """Nor on where arrays lie in memory, nor on a mask that hides nothing."""
     picture = texture(np.random.default_rng(8), 320, 240)
     if blur_px:
         picture = cv2.GaussianBlur(picture, None, blur_px).astype(np.uint8)
