@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from frontend.mosaic.canvas import MosaicError
     from frontend.mosaic.plan import MosaicPlan, plan_mosaic
     from frontend.mosaic.render import render_tiles
+    from frontend.opencv_features import FeatureUnavailableError
     from frontend.picture_pair import register_pictures
     from frontend.registration import Registration, register
 
