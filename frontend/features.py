@@ -77,7 +77,7 @@ class Features:
         return Features(self.points[which], self.descriptor[which])
 
 
-class Search(Protocol):
+class FeatureSearch(Protocol):
     """A detector with its descriptor."""
 
     @property
@@ -96,7 +96,7 @@ class Extractor:
 
     def __init__(self, config: FeatureConfig = FeatureConfig()) -> None:
         self.config = config
-        self._search: Search = Sift() if config.kind == "sift" else OpenCvFeatures(config.kind)
+        self._search: FeatureSearch = Sift() if config.kind == "sift" else OpenCvFeatures(config.kind)
 
     def __call__(self, image: Image, camera: Camera, mask: Image | None = None) -> Features:
         """Return the features of one picture, (h, w) grey or (h, w, 3) BGR uint8, of the camera's size or
