@@ -12,6 +12,7 @@ from slam.cli.options import JSON, OUT, PICTURE_RATE, QUIET, TOPICS, request_of
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
+    from slam.core.flight import Image
     from slam.mapping.relocation import Location, Relocalizer
 
 _PICTURES = typer.Argument(metavar="PICTURE", help="Pictures of the map's camera.", show_default=False)
@@ -41,14 +42,14 @@ def locate(
     from slam.mapping.relocation import Relocalizer
 
     screen, request = Screen(quiet, as_json), request_of(topic, picture_rate)
-    _refuse_unreadable(pictures)
+    decoded = _first_readable(pictures)
     estimate = read_estimate(map_folder)
     flight = mapped_flight(map_folder, flights, request)
     with output_folder(out, [map_folder, *pictures]) as folder, screen.progress() as progress:
         relocalizer = Relocalizer(estimate, flight, progress=progress)
         found = []
         for done, path in enumerate(pictures, 1):
-            found.append((path, _located(relocalizer, path)))
+            found.append((path, _located(relocalizer, path, decoded.pop(path, None))))
             progress("locate", done, len(pictures))
         (folder / "locations.csv").write_text(locations_csv(found), encoding="utf-8")
         reasons = [location.reason for _, location in found if not location.found]
@@ -66,8 +67,8 @@ def locate(
     screen.files([out / "locations.csv"])
 
 
-def _refuse_unreadable(pictures: Sequence[Path]) -> None:
-    """Raise ``InputError`` with the reasons if none of the pictures can be read, before the map is."""
+def _first_readable(pictures: Sequence[Path]) -> dict[Path, Image]:
+    """Return the first picture that can be read. Raises ``InputError`` with the reasons if none can."""
     from slam.core.errors import InputError
     from slam.core.names import listed
     from slam.io.files import shown
@@ -76,14 +77,14 @@ def _refuse_unreadable(pictures: Sequence[Path]) -> None:
     reasons = []
     for path in pictures:
         try:
-            read_image(path)
+            return {path: read_image(path)}
         except UnreadableImageError as reason:
             reasons.append(f"{shown(str(path))} ({reason})")
-        else:
-            return
     of = "none of the pictures" if len(reasons) > 1 else "the picture"
     can = "can" if len(reasons) > 1 else "cannot"
-    raise InputError(f"{of} {can} be read: {listed(reasons)}; give PNG, JPEG or TIFF of the map's camera")
+    raise InputError(
+        f"{of} {can} be read: {listed(reasons)}; give PNG, JPEG or TIFF files that are there and whole"
+    )
 
 
 def locations_csv(found: Sequence[tuple[Path, Location]]) -> str:
@@ -94,12 +95,12 @@ def locations_csv(found: Sequence[tuple[Path, Location]]) -> str:
     return "\n".join([_HEADER, *rows, ""])
 
 
-def _located(relocalizer: Relocalizer, path: Path) -> Location:
+def _located(relocalizer: Relocalizer, path: Path, decoded: Image | None) -> Location:
     from slam.io.images import UnreadableImageError, read_image
     from slam.mapping.relocation import nowhere
 
     try:
-        return relocalizer.locate(read_image(path))
+        return relocalizer.locate(read_image(path) if decoded is None else decoded)
     except UnreadableImageError as reason:
         return nowhere(f"unreadable: {reason}")
 

@@ -6,11 +6,13 @@ import os
 import re
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from slam.cli import app
-from slam.cli.locate import locations_csv
+from slam.cli.locate import _first_readable, locations_csv
 from slam.mapping.relocation import nowhere
 
 
@@ -38,5 +40,15 @@ def test_pictures_none_of_which_can_be_read_are_refused_before_the_map_is_read(t
     folders = {f"--{name}": str(tmp_path / name) for name in ("map", "flight", "out")}
     ran = CliRunner().invoke(app, ["locate", *pictures, *(word for pair in folders.items() for word in pair)])
     assert ran.exit_code == 1
-    assert re.fullmatch(rf"slam: {saying}; give PNG[^\n]*\n", ran.stderr), ran.stderr
+    assert re.fullmatch(
+        rf"slam: {saying}; give PNG, JPEG or TIFF files that are there and whole\n", ran.stderr
+    ), ran.stderr
     assert os.listdir(tmp_path) == ["broken.png"]
+
+
+def test_the_picture_that_was_decoded_for_the_check_is_kept(tmp_path):
+    paths = [tmp_path / name for name in ("gone.png", "a.png", "b.png")]
+    for level, path in enumerate(paths[1:]):
+        cv2.imwrite(str(path), np.full((4, 5), level, np.uint8))
+    ((path, picture),) = _first_readable(paths).items()
+    assert (path, picture.shape, picture.max()) == (paths[1], (4, 5), 0)
