@@ -18,13 +18,16 @@ def unknown_focal_warning(flight: Flight, map_: Map) -> str:
     camera = flight.camera
     if camera is None or camera.focal_std_ratio < UNKNOWN_FOCAL_STD_RATIO:
         return ""
-    lens, known = None if map_.bundle is None else map_.bundle.lens, camera.focal_std_ratio
-    if lens is not None:
+    lens = None if map_.bundle is None else map_.bundle.lens
+    if lens is None:
+        found = f"it is not estimated from these pictures, but assumed to {percent(camera.focal_std_ratio)}"
+    else:
         known = float((lens.std[FOCAL] / lens.calibration[FOCAL]).max())
-    if known <= NOMINAL_FOCAL_STD_RATIO:
-        return ""
+        if known <= NOMINAL_FOCAL_STD_RATIO:
+            return ""
+        found = f"these pictures tell it to {percent(known)} only"
     return (
-        f"nothing tells the focal length, and these pictures tell it to {percent(known)} only: heights over "
-        "the ground are doubted, and lengths too where a height sensor gives them; copy the originals with "
+        f"nothing tells the focal length, and {found}: heights over the "
+        "ground are doubted, and lengths too where a height sensor gives them; copy the originals with "
         "their tags, or write the calibrated focal length into cam0/sensor.yaml"
     )

@@ -28,4 +28,7 @@ def test_one_that_either_tells_is_none(told: float, found: float) -> None:
 
 def test_a_map_without_an_estimate_of_the_lens_knows_it_no_better_than_before() -> None:
     flight = SimpleNamespace(camera=SimpleNamespace(focal_std_ratio=UNKNOWN_FOCAL_STD_RATIO))
-    assert "these pictures tell it to 30" in unknown_focal_warning(flight, SimpleNamespace(bundle=None))
+    for bundle in (None, SimpleNamespace(lens=None)):
+        told = unknown_focal_warning(flight, SimpleNamespace(bundle=bundle))
+        assert "it is not estimated from these pictures, but assumed to 30" in told
+        assert "these pictures tell it" not in told
