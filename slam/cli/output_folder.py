@@ -98,13 +98,15 @@ _VIEWER_FILES = (
     ".DS_Store",
     "Thumbs.db",
     "desktop.ini",
-    "mosaic.png.aux.xml",
-    "mosaic.tif.aux.xml",
-    "mosaic.tif.ovr",
-    "mosaic_crs.tif.aux.xml",
-    "mosaic_crs.tif.ovr",
+    *(
+        f"{name}{ending}"
+        for name in (*OPTIMIZE_NAMES, *RASTERS_IN_SYSTEM.values())
+        if name.endswith((".tif", ".png"))
+        for ending in (".aux.xml", ".ovr")
+    ),
 )
-"""Files that viewers create beside pictures; they may be deleted with them."""
+"""Files that viewers create, beside rasters with their statistics and overviews; they may be deleted with
+them."""
 
 _MAP_KEYS = ("status", "frames", "keyframes", "edges", "timing_s", "peak_rss_mb", "warnings")
 _FIRST_MAP_NAMES = OPTIMIZE_NAMES[: OPTIMIZE_NAMES.index("summary.json") + 1]

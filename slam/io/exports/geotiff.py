@@ -68,24 +68,30 @@ def write_rasters(
     """Write rasters of ``folder`` in a coordinate system to ``targets``, by their names, all or none.
 
     Return one line each about the system, lengths that it changes, and where heights begin. ``estimate`` has
-    a place on Earth. Raises ``InputError`` for an unknown system, and a place that the system does not hold.
+    a place on Earth. Earlier files stay until all are complete. Raises ``InputError`` for an unknown system,
+    and a place that the system does not hold.
     """
     assert estimate.origin is not None
     crs = coordinate_system(system, estimate.origin)
     tags = height_tags(estimate)
     for name in targets:
         _refuse_break(folder / name, crs, system)
-    for name, target in targets.items():
-        try:
-            _reproject(folder / name, target, crs, RASTERS[name], tags)
-        except (RasterioError, CPLE_BaseError) as error:
-            reason = " ".join(str(error).split())
-            for written in targets.values():
-                written.unlink(missing_ok=True)
-            raise InputError(
-                f"--crs {system}: {name} cannot be brought into it ({reason}); give the system of the "
-                "map's region"
-            ) from None
+    made = {name: target.with_name(f".{target.name}.made") for name, target in targets.items()}
+    try:
+        for name, path in made.items():
+            try:
+                _reproject(folder / name, path, crs, RASTERS[name], tags)
+            except (RasterioError, CPLE_BaseError) as error:
+                reason = " ".join(str(error).split())
+                raise InputError(
+                    f"--crs {system}: {name} cannot be brought into it ({reason}); give the system of the "
+                    "map's region"
+                ) from None
+        for name, path in made.items():
+            path.replace(targets[name])
+    finally:
+        for path in made.values():
+            path.unlink(missing_ok=True)
     return (
         f"coordinate system: {crs.to_string()}",
         *_stretch_note(crs, estimate.origin),

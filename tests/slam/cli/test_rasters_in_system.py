@@ -77,6 +77,8 @@ def test_the_files_belong_to_the_output_that_a_new_run_replaces(tmp_path):
     assert isinstance(note, Note)
     assert "elevation_crs.tif: coordinate system: EPSG:32618" in note
     assert {"elevation.tif", "elevation_crs.tif"} < set(os.listdir(tmp_path / "out"))
+    for name in ("elevation_crs.tif", "elevation.tif", "mosaic_quality_crs.tif", "mosaic_chain.png"):
+        (tmp_path / "out" / f"{name}.aux.xml").write_text("statistics of a GIS")
     with output_folder(tmp_path / "out"):
         pass
     assert "elevation_crs.tif" not in os.listdir(tmp_path / "out")

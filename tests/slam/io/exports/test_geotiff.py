@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+
 import numpy as np
 import pytest
 import rasterio
@@ -9,8 +11,9 @@ from rasterio.warp import transform
 
 from slam.core.errors import InputError
 from slam.core.geodesy import GeoOrigin
+from slam.io.exports import geotiff
 from slam.io.exports.formats import export_map
-from slam.io.exports.geotiff import coordinate_system
+from slam.io.exports.geotiff import coordinate_system, write_rasters
 from slam.io.geotiff import Grid, write_bands
 from tests.slam.io.exports.made_map import exported, made_map, pose
 
@@ -104,3 +107,22 @@ def test_a_raster_across_an_edge_of_the_system_is_refused_in_plain_words(tmp_pat
 def test_a_map_without_rasters_is_refused(tmp_path):
     with pytest.raises(InputError, match="no rasters"):
         export_map(exported(made_map(pose()), folder=tmp_path), "geotiff", tmp_path / "out")
+
+
+def test_earlier_rasters_stay_where_the_disk_is_full(folder, tmp_path, monkeypatch):
+    target = tmp_path / "rasters"
+    target.mkdir()
+    (folder / "mosaic.tif").write_bytes((folder / "elevation.tif").read_bytes())
+    files = {name: target / name for name in ("elevation.tif", "mosaic.tif")}
+    files["elevation.tif"].write_text("earlier")
+    reproject = geotiff._reproject
+
+    def full(source, *others):
+        if source.name == "mosaic.tif":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        reproject(source, *others)
+
+    monkeypatch.setattr(geotiff, "_reproject", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_rasters(made_map(pose(), origin=ORIGIN), folder, files, "utm")
+    assert {path.name: path.read_text() for path in target.iterdir()} == {"elevation.tif": "earlier"}
