@@ -188,8 +188,10 @@ def _joined(flights: list[Flight], wanted: _FlightOptions) -> Flight:
     from slam.core.control_points import SurveyedPoint
     from slam.core.join_flights import join_flights
     from slam.core.surveyed_flight import with_surveyed
-    from slam.io.gcp_list import read_gcp_list
+    from slam.io.gcp_list import read_gcp_list, without_own_points
 
+    if wanted.gcp is not None:
+        flights = [without_own_points(flight) for flight in flights]
     flight, points = join_flights(flights), tuple[SurveyedPoint, ...]()
     if wanted.gcp is not None:
         points, notes = read_gcp_list(wanted.gcp, flight)

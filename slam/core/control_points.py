@@ -37,6 +37,8 @@ class SurveyedPoint:
     """A check point is held out: the map is compared with it."""
     fault: str = ""
     """Why its coordinates cannot be used; empty if they can."""
+    is_named: bool = True
+    """Whether the survey names it; else its name is a number within one list."""
 
     @property
     def origin(self) -> GeoOrigin:

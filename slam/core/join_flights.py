@@ -160,16 +160,19 @@ def _frames(parts: Sequence[Flight]) -> Frames:
 def _surveyed(parts: Sequence[Flight]) -> tuple[SurveyedPoint, ...]:
     """Return the surveyed points of all flights, with the new names of the pictures.
 
-    A point that several flights show has the views of all, if they agree on its place.
+    A point that several flights show has the views of all, if they agree on its place. Without a name in the
+    survey a point is its place, and has the name of its first flight too.
     """
     found: dict[str, SurveyedPoint] = {}
     for flight in parts:
         for point in flight.surveyed:
             views = tuple(v._replace(picture=f"{flight.name}/{v.picture}") for v in point.views)
-            before = found.get(point.name, replace(point, views=()))
+            key = point.name if point.is_named else str(_place(point))
+            name = point.name if point.is_named else f"{flight.name}/{point.name}"
+            before = found.get(key, replace(point, name=name, views=()))
             same = np.array_equal(_place(before), _place(point), equal_nan=True)
             fault = before.fault or point.fault or ("" if same else "flights give it different coordinates")
-            found[point.name] = replace(before, views=before.views + views, fault=fault)
+            found[key] = replace(before, views=before.views + views, fault=fault)
     return tuple(found.values())
 
 

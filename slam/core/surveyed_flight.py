@@ -34,5 +34,9 @@ def with_surveyed(
     roles = tuple(replace(point, role="check") if point.name in held_out else point for point in every)
     if std_m is not None:
         roles = tuple(replace(point, std_m=std_m) for point in roles)
-    faults = tuple(f"control point {point.name}: {point.fault}" for point in points if point.fault)
-    return replace(flight, surveyed=roles, warnings=(*flight.warnings, *faults))
+    return replace(flight, surveyed=roles, warnings=(*flight.warnings, *faults_of(points)))
+
+
+def faults_of(points: Sequence[SurveyedPoint]) -> tuple[str, ...]:
+    """Return a warning for each point whose coordinates cannot be used."""
+    return tuple(f"control point {point.name}: {point.fault}" for point in points if point.fault)

@@ -18,10 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.control_points import PictureView, Role, SurveyedPoint
+from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
+from slam.core.messages import Note
 from slam.core.names import listed
-from slam.core.surveyed_flight import with_surveyed
+from slam.core.surveyed_flight import faults_of
 from slam.io.files import brief, read_text, refusal
 from slam.io.survey_system import NAME_IT, SurveySystem
 
@@ -88,13 +90,26 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
 def with_own_points(flight: Flight, folder: Path) -> Flight:
     """Return a flight with the control points of ``gcp_list.txt`` in its folder, if there is such a file.
 
-    Raises ``InputError`` as `read_gcp_list` does.
+    Most commands need no control points, so a list that cannot be used is a warning.
     """
     path = folder / FILE_NAME
     if not path.is_file():
         return flight
-    points, notes = read_gcp_list(path, flight)
-    return with_surveyed(replace(flight, warnings=(*flight.warnings, *notes)), points)
+    if flight.frames is None:
+        return flight.with_warning(Note(f"{FILE_NAME} is not used: the flight has no pictures"))
+    try:
+        points, notes = read_gcp_list(path, flight)
+    except InputError as refused:
+        reason = str(refused).removeprefix(f"{folder}/")
+        return flight.with_warning(f"{reason}; no control point is used")
+    faults = [f"{FILE_NAME}: {fault}" for fault in faults_of(points)]
+    return replace(flight, surveyed=points, warnings=(*flight.warnings, *notes, *faults))
+
+
+def without_own_points(flight: Flight) -> Flight:
+    """Return a flight as it is without a ``gcp_list.txt`` in its folder."""
+    others = tuple(line for line in flight.warnings if not line.startswith(FILE_NAME))
+    return replace(flight, surveyed=(), warnings=others)
 
 
 def _numbers(fields: list[str]) -> list[float] | None:
@@ -198,7 +213,8 @@ def _point(name: str, rows: list[_Row], geodetic: Mapping[_Place, tuple[float, .
         fault = f"line {rows[0].line}: {wrong}"
     role: Role = "check" if any(row.is_check for row in rows) else "control"
     altitude_m = math.nan if place[2] is None else place[2]
-    return SurveyedPoint(name, latitude, longitude, altitude_m, views, role=role, fault=fault)
+    named = bool(rows[0].name)
+    return SurveyedPoint(name, latitude, longitude, altitude_m, views, role=role, fault=fault, is_named=named)
 
 
 def _repeated(views: tuple[PictureView, ...]) -> list[str]:

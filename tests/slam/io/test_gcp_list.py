@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rasterio.crs import CRS
 
 from frontend.camera import Camera
+from slam.cli.optimize import _joined
 from slam.core.control_points import PictureView
 from slam.core.errors import InputError
 from slam.core.flight import Flight, Frames, Gps
@@ -16,7 +18,7 @@ from slam.core.geodesy import ECCENTRICITY_2
 from slam.core.join_flights import join_flights
 from slam.core.surveyed_flight import with_surveyed
 from slam.io.flight_folder import read_flight, write_flight
-from slam.io.gcp_list import read_gcp_list
+from slam.io.gcp_list import read_gcp_list, with_own_points, without_own_points
 from tests.slam.io.made_flight import made_flight
 
 NAMES = ("DJI_0010.JPG", "sub/DJI_0020.JPG", "DJI_0030.JPG")
@@ -26,6 +28,7 @@ ROWS = [
     "465005.0 5249995.0 402.5 300 210 dji_0020 north",
     "465025.0 5250010.0 401 10 20 DJI_0010.JPG south check",
 ]
+FAULT = "465026.0 5250010.0 401 11 20 DJI_0020.JPG south"
 
 
 def flight() -> Flight:
@@ -258,5 +261,43 @@ def test_a_flight_folder_s_own_list_is_read_with_it(tmp_path):
     assert (point.name, point.altitude_m, point.views) == ("north", 12.5, (PictureView(name, 20.0, 10.0),))
     assert any("gcp_list.txt, line 3: no picture of the flight has this name" in w for w in back.warnings)
     (tmp_path / "f" / "gcp_list.txt").write_text("EPSG:4326\n1 2 3\n")
-    with pytest.raises(InputError, match=r"gcp_list\.txt.* has 3 fields, fewer than 6"):
-        read_flight(tmp_path / "f")
+    back = read_flight(tmp_path / "f")
+    assert back.surveyed == ()
+    fault = "gcp_list.txt, line 2: has 3 fields, fewer than 6"
+    assert any(w.startswith(fault) and w.endswith("; no control point is used") for w in back.warnings)
+
+
+def test_a_list_beside_a_recording_without_pictures_is_noted(tmp_path):
+    write_flight(replace(made_flight(), frames=None), tmp_path / "f")
+    (tmp_path / "f" / "gcp_list.txt").write_text("\n".join([*UTM, *ROWS]))
+    assert "gcp_list.txt is not used: the flight has no pictures" in read_flight(tmp_path / "f").warnings
+
+
+def test_without_its_own_list_a_flight_is_as_before(tmp_path):
+    (tmp_path / "gcp_list.txt").write_text("\n".join([*UTM, *ROWS, "1 1 1 1 1 gone.jpg", FAULT]))
+    told = with_own_points(flight(), tmp_path)
+    assert [p.name for p in told.surveyed] == ["north", "south"]
+    assert any("control point south" in line for line in told.warnings)
+    plain = without_own_points(told)
+    assert (plain.surveyed, plain.warnings) == ((), ())
+
+
+def test_a_list_on_the_command_line_replaces_those_of_the_flights(tmp_path):
+    """Points of the folder's list with other names stayed."""
+    (tmp_path / "gcp_list.txt").write_text("\n".join([*UTM, *ROWS]))
+    given = tmp_path / "given.txt"
+    given.write_text("\n".join([*UTM, ROWS[0].replace("north", "mast")]))
+    own = with_own_points(flight(), tmp_path)
+    options = SimpleNamespace(gcp=given, check=(), gcp_std_m=None)
+    assert [p.name for p in _joined([own], options).surveyed] == ["mast"]
+
+
+def test_points_without_names_of_two_flights_are_two_points(tmp_path):
+    first, _ = read(tmp_path, [*UTM, ROWS[0].removesuffix(" north")])
+    second, _ = read(tmp_path, [*UTM, "465025.0 5250010.0 401 10 20 DJI_0010.JPG", ROWS[0][:-6]])
+    assert [p.name for p in (*first, *second)] == ["GCP 1", "GCP 1", "GCP 2"]
+    one = with_surveyed(flight(), first)
+    gps = replace(one.gps, latitude_deg=one.gps.latitude_deg + 1e-6)
+    joined = join_flights([one, replace(one, name="other", gps=gps, surveyed=second)])
+    found = [(p.name, len(p.views), p.fault) for p in joined.surveyed]
+    assert found == [("photos/GCP 1", 2, ""), ("other/GCP 1", 1, "")]
