@@ -1,7 +1,6 @@
 """SIFT: keypoints of the scale space, described by histograms of gradients.
 
-OpenCV's takes one and a half to two and a half times as long, for the same keypoints and descriptors but for
-second orientations.
+Keypoints and descriptors are those of OpenCV, but for second orientations.
 """
 
 from __future__ import annotations

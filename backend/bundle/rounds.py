@@ -75,7 +75,7 @@ def solve_rounds(
         absorbed = absorbed_positions(optimum)
         noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
         slope_rad = _slope_std_rad(problem, at)
-        if slope_rad > (1.0 + TOLERANCE) * noise.slope_rad and of_any_slope is None:
+        if slope_rad > (1.0 + TOLERANCE) * config.slope_std_rad and of_any_slope is None:
             # What the narrow prior does not explain is no outlier yet, and no noise.
             of_any_slope, slope_rad = number + 1, _ANY_SLOPE_RAD
             used = np.ones(len(tracks.track), bool)

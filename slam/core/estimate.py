@@ -31,9 +31,6 @@ Array = NDArray[np.float64]
 
 MAP_TRAJECTORIES = ("chain of homographies", "without loops", "with loops")
 """Names of the three trajectories of a map: the plain chain, the odometry, and the result."""
-JOINT_ERRORS = 12
-"""Independent errors of all poses together that an estimate keeps. On figure eights the twelfth has less than
-a twentieth of the largest's variance."""
 
 
 @dataclass(frozen=True)
@@ -182,9 +179,9 @@ class Estimate:
     over the floor, with the errors of the lens as equal motions of the camera. None where the lens was held:
     then ``over_floor_covariances`` are those of the ground."""
     joint_errors: Array | None = None
-    """(n, 6, JOINT_ERRORS) right perturbation of all poses, rotation first, by one standard deviation of each
-    of their largest independent errors (`backend.bundle.accuracy.joint_errors`). Zero where a pose is not of
-    the largest part; None without a refinement."""
+    """(n, 6, s) right perturbation of all poses, rotation first, by one standard deviation of each of their
+    largest independent errors (`slam.mapping.pose_errors`). None without a refinement, where instruments have
+    joined parts to the refined one, and in files of earlier versions."""
     scale_std: float | None = None
     """Relative standard deviation that all lengths share; None where the scale is not observed."""
     middle_std_m: float | None = None

@@ -9,18 +9,19 @@ independent ones. The textbook band (chi-square with 6 n degrees) would reject a
 always. Here each of the six whitened errors z is modelled as a first-order Markov sequence, the typical error
 of integrated odometry plus measurement noise. Under the tested hypothesis z has unit variance, so the mean
 squared step between neighbours gives its correlation: ``rho = 1 - E[(z_k+1 - z_k)^2] / 2``. For Gaussian z
-the squares correlate as rho^(2 lag). The variance of the mean is then ``12 / n_eff`` with ``n_eff = n / mean
-over the six of [1 + 2 sum_lag (1 - lag/n) rho^(2 lag)]``. The band is that of a chi-square with ``6 n_eff``
-degrees divided by n_eff (Satterthwaite's match of mean and variance). Over simulated Markov, random-walk and
-pinned-walk errors it holds 89.7 to 97 % of the time. For much smoother errors it is wider than necessary.
+the squares correlate as rho^(2 lag). Without shared errors the variance of the mean is then ``12 / n_eff``
+with ``n_eff = n / mean over the six of [1 + 2 sum_lag (1 - lag/n) rho^(2 lag)]``, and the band is that of a
+chi-square with ``6 n_eff`` degrees divided by n_eff (Satterthwaite's match of mean and variance). Over
+simulated Markov, random-walk and pinned-walk errors it holds 89.7 to 97 % of the time. For much smoother
+errors it is wider than necessary.
 
 Errors that all poses share are no such sequence. A wrong scale moves each pose along the vector from the
 first one to it. Where the path turns, neighbours differ in that error, and distant poses still share it. On a
 map of loops a dozen such errors are most of what there is. Where they are given (u_km of error m, whitened as
 z is), ``z_k = sum_m s_m u_km + r_k`` with independent numbers s of unit variance, and r is the sequence, of
 the variance that is left. The mean of squares is then a sum of chi-squares whose weights are the eigenvalues
-of ``sum_k u_k' u_k / n``, and of that of r. Its quantiles are the band. With joint errors of the paper's
-figure eight, `tests/benchmarks/bound.py` counts the flights inside.
+of ``sum_k u_k' u_k / n``, and of that of r, all axes together. Its quantiles are the band. With joint errors
+of the paper's figure eight, `tests/benchmarks/bound.py` counts the flights inside.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ class Consistency:
     lower95: float
     upper95: float
     n_eff: float
-    """Number of independent keyframes that carry the same evidence."""
+    """Number of independent keyframes that carry the same evidence; below 1 where one error is most of all,
+    as a single number is less than a pose."""
 
     @property
     def consistent(self) -> bool:

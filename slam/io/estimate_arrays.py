@@ -12,7 +12,6 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from slam.core.estimate import JOINT_ERRORS
 from slam.core.floor_points import FloorPoints
 
 Array = NDArray[np.float64]
@@ -24,13 +23,15 @@ _MAX_COORDINATE_M = 1e12
 """Largest coordinate. At larger ones, squares lose all digits of near points; no flight reaches them."""
 _RIGID_TOLERANCE = 1e-6
 
+ANY = -1
+"""Size of an axis that differs from file to file."""
 SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
     "stamps": ("n", (), "i"),
     "w_T_b": ("n", (4, 4), "f"),
     "covariances": ("n", (6, 6), "f"),
     "over_floor_covariances": ("n", (6, 6), "f"),
     "ground_covariances": ("g", (6, 6), "f"),
-    "joint_errors": ("s", (6, JOINT_ERRORS), "f"),
+    "joint_errors": ("s", (6, ANY), "f"),
     "chain_w_T_b": ("n", (4, 4), "f"),
     "odometry_w_T_b": ("n", (4, 4), "f"),
     "component": ("n", (), "i"),
@@ -59,7 +60,7 @@ POINTS = {
 LATER = {
     **POINTS,
     "ground_covariances": np.zeros((0, 6, 6)),
-    "joint_errors": np.zeros((0, 6, JOINT_ERRORS)),
+    "joint_errors": np.zeros((0, 6, 0)),
 }
 """Arrays that files of earlier versions lack -> what stands for them; an empty one for what is not known."""
 
@@ -117,6 +118,9 @@ def _check(arrays: dict[str, NDArray[Any]]) -> None:
     }
     for name, (per, row, kind) in SHAPES.items():
         found = arrays[name]
+        row = tuple(
+            found.shape[k] if size == ANY and k < found.ndim else size for k, size in enumerate(row, 1)
+        )
         if found.shape != (rows[per], *row) or found.dtype.kind != kind:
             raise ValueError(f"{name} has shape {found.shape} and type {found.dtype}")
     for name in ("w_T_b", "chain_w_T_b", "odometry_w_T_b", "edge_i_T_j"):

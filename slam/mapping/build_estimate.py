@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from backend.bundle.accuracy.ground_covariances import ground_covariances
 from backend.bundle.accuracy.information_shares import information_shares
-from backend.bundle.accuracy.joint_errors import joint_errors
 from backend.bundle.accuracy.length_stds import length_stds
 from backend.bundle.accuracy.systematic_errors import SystematicErrors, error_test
 from backend.errors import BackendError
@@ -19,20 +18,14 @@ from backend.pose_graph.certificate import Certificate, certify_poses
 from backend.pose_graph.graph import build_pose_graph
 from backend.pose_graph.solution import Solution
 from backend.sparse_cholesky import SingularMatrixError
-from slam.core.estimate import JOINT_ERRORS, Estimate, LoopVerdict
+from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight, Gps
 from slam.core.heap import trim_heap
 from slam.core.instrument_errors import InstrumentErrors
 from slam.mapping.calibration.antenna import antenna_m, antenna_place, antenna_untold_warning
-from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.calibration.barometer_errors import barometer_errors, barometer_warning
 from slam.mapping.calibration.camera_mount import mount_tilt
-from slam.mapping.calibration.clock_offset import (
-    NO_CORRECTION,
-    clock_errors,
-    with_clock_error,
-)
-from slam.mapping.calibration.held_mount import held_mount_covariance, with_mount_error
+from slam.mapping.calibration.clock_offset import clock_errors
 from slam.mapping.calibration.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.calibration.lens import lens_numbers
 from slam.mapping.calibration.refuted import is_held_lens_suspect
@@ -44,6 +37,7 @@ from slam.mapping.homography_chain import chain
 from slam.mapping.lift_edges import Edges
 from slam.mapping.map import Map
 from slam.mapping.place_part import comparable
+from slam.mapping.pose_errors import instrument_errors, of_all_poses, with_instrument_errors
 from slam.mapping.warnings.accuracy_basis import accuracy_basis
 from slam.mapping.warnings.messages import messages
 from slam.mapping.warnings.not_placed import pictures_not_placed
@@ -77,7 +71,7 @@ def build_estimate(
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
     velocity = velocity_errors(map_.bundle)
-    kept = _kept_edges(map_)
+    kept, held = _kept_edges(map_), instrument_errors(context, map_)
     by_instruments = [velocity_warning(velocity), barometer_warning(map_.bundle)]
     shares = _information_shares(flight, map_)
     said = messages(context, map_, not_placed, shared, mount, shares, [*untested, *by_instruments])
@@ -89,7 +83,7 @@ def build_estimate(
         frame_names=tuple(flight.frames.names[k] for k in observations.frame_index),
         frame_index=observations.frame_index,
         w_T_b=map_.w_T_b,
-        covariances=_covariances(context, map_),
+        covariances=with_instrument_errors(map_.covariances, held),
         over_floor_covariances=map_.over_floor_covariances,
         component=map_.component,
         camera=map_.camera,
@@ -123,7 +117,7 @@ def build_estimate(
         information_shares=shares,
         ground_covariances=_ground_covariances(map_),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
-        joint_errors=_joint_errors(map_),
+        joint_errors=of_all_poses(map_, held),
         length_stds=_length_stds(map_),
         middle_std_m=map_.bundle.middle_std_m if map_.bundle and map_.georeferenced else None,
         range_errors=map_.bundle.range_errors if map_.bundle else None,
@@ -202,20 +196,6 @@ def _ground_covariances(map_: Map) -> Array | None:
     return found
 
 
-def _joint_errors(map_: Map) -> Array | None:
-    """Return the largest errors of all poses together; None where a direction is open."""
-    main = np.flatnonzero(map_.component == 0)
-    if map_.bundle is None or len(main) != len(map_.bundle.w_T_b):
-        return None
-    try:
-        of_main = joint_errors(map_.bundle.optimum, map_.bundle.covariances, JOINT_ERRORS)
-    except SingularMatrixError:
-        return None
-    found = np.zeros((len(map_.component), *of_main.shape[1:]))
-    found[main] = of_main
-    return found
-
-
 def _length_stds(map_: Map) -> tuple[tuple[float, float, float], ...]:
     """Return how accurate distances are; empty where a direction is open."""
     if map_.bundle is None:
@@ -242,20 +222,6 @@ def _information_shares(flight: Flight, map_: Map) -> Mapping[str, Mapping[str, 
 def _attitude_assumed(shares: Mapping[str, float]) -> Mapping[str, float]:
     measured = {name: share for name, share in shares.items() if name not in ("attitude", "assumed")}
     return {"assumed": 1.0 - sum(measured.values()), **measured}
-
-
-def _covariances(context: Context, map_: Map) -> Array:
-    """Return the covariances of the poses, with the errors of a corrected clock and of a held mount."""
-    covariances, stamps_s = map_.covariances, map_.observations.stamps_s
-    if context.clock is not NO_CORRECTION:
-        std_s = context.clock.stds_at(map_.observations.camera_stamps_s[map_.observations.frame_index])
-        covariances = with_clock_error(covariances, map_.w_T_b, stamps_s, std_s)
-    if context.flight.parts or (map_.bundle is not None and map_.bundle.mount_std_rad > 0):
-        return covariances  # each part has a level of its own, and an estimated mount is counted
-    tilt = attitude_floor_tilt(context.flight, stamps_s, map_.of_main(map_.w_T_b))
-    told_exact = map_.camera.mount_std_rad == 0.0
-    mount = held_mount_covariance(tilt, map_.inertial, told_exact)
-    return with_mount_error(covariances, map_.camera.b_T_c, mount)
 
 
 def _antenna_covariances(map_: Map) -> Array | None:

@@ -34,7 +34,7 @@ def joint_errors(optimum: BundleOptimum, covariances: Array, count: int) -> Arra
     error first. ``covariances`` (n, 6, 6) are those of the poses. Columns of a
     pose without known covariance are zero, and so are those of more errors than the poses have.
 
-    Raises ``SingularMatrixError`` if a direction is open.
+    Raises ``SingularMatrixError`` if a direction is open, and ``ArpackError`` if no pose has a covariance.
     """
     problem, values = optimum.problem, optimum.values
     reduced = optimum.linearise().eliminate()

@@ -54,22 +54,24 @@ def finer_correction(clock: PictureClock | None, taken_out: PictureClock, stamps
     return taken_out if abs(left.delay_s) < 2 * left.std_s else taken_out.delayed(left.delay_s, left.std_s)
 
 
-def with_clock_error(covariances: Array, w_T_b: Array, stamps_s: Array, std_s: Array) -> Array:
-    """Return covariances (n, 6, 6) of poses at times that are known to ``std_s`` (n,).
+def clock_displacements(clock: PictureClock, w_T_b: Array, stamps_s: Array, camera_stamps_s: Array) -> Array:
+    """Return (n, 6, pieces) right perturbations of poses (n, 4, 4) by one standard deviation of each delay.
 
-    An error of the time moves a pose along its own motion, which is that between its neighbours in time.
+    ``stamps_s`` (n,) are their times, and ``camera_stamps_s`` (n,) those of the pictures' clock. An error of
+    the time moves a pose along its own motion, which is that between its neighbours in time.
     """
+    found = np.zeros((len(w_T_b), 6, len(clock.pieces)))
     placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
     if len(placed) < 2:
-        return covariances
+        return found
     poses, at_s = w_T_b[placed], stamps_s[placed]
     number = np.arange(len(placed))
     before, after = np.maximum(number - 1, 0), np.minimum(number + 1, len(placed) - 1)
     lasts_s = np.maximum(at_s[after] - at_s[before], 1e-9)
-    moved = se3.log(se3.inverse(poses[before]) @ poses[after]) / lasts_s[:, None] * std_s[placed, None]
-    widened = covariances.copy()
-    widened[placed] += np.einsum("na,nb->nab", moved, moved)
-    return widened
+    speed = se3.log(se3.inverse(poses[before]) @ poses[after]) / lasts_s[:, None]
+    piece = clock.numbers_at(camera_stamps_s[placed])
+    found[placed, :, piece] = speed * clock.stds_at(camera_stamps_s[placed])[:, None]
+    return found
 
 
 def clock_errors(clock: PictureClock | None, taken_out: PictureClock) -> ClockErrors | None:

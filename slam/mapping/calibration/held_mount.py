@@ -26,8 +26,9 @@ def held_mount_covariance(
     Mount and zero of the instrument are two normal errors of mean zero and of one unknown size. Their sum is
     the measured lean, whose square, less that of its noise, determines the size. The second moment of the
     mount's share is the covariance. Accelerometer and attitude have different zeros but one camera: the mount
-    is off by no more than the smaller of their leans. The covariance is zero where no instrument measures
-    which way is up, and for a mount that is told to be exact and that no significant lean contradicts.
+    is off by no more than either of them allows, by its lean and its noise. The covariance is zero where no
+    instrument measures which way is up, and for a mount that is told to be exact, unless all instruments lean
+    significantly.
     """
     seen = list[tuple[Array, float]]()
     if tilt is not None:
@@ -37,12 +38,13 @@ def held_mount_covariance(
         # In leaning axes, gravity looks like a bias.
         std = float(np.max(found.offset_std_m_s2[:2])) / GRAVITY_M_S2
         seen.append((np.array(found.offset_m_s2[:2]) / GRAVITY_M_S2, std))
-    if not seen:
+    shown = [(float(lean @ lean), 2 * std**2, lean) for lean, std in seen]
+    leaning = [each for each in shown if each[0] > each[1]]
+    if not leaning or (told_exact and any(square < 0.5 * SURE**2 * noise for square, noise, _ in shown)):
         return np.zeros((2, 2))
-    (forward, left), std = min(seen, key=lambda each: float(each[0] @ each[0]) + 2 * each[1] ** 2)
-    square = forward**2 + left**2 - 2 * std**2
-    if square <= 0.0 or (told_exact and np.hypot(forward, left) < SURE * std):
-        return np.zeros((2, 2))
+    allowed = min(square + noise for square, noise, _ in shown)
+    square = min(allowed, max(square - noise for square, noise, _ in leaning))
+    forward, left = min(leaning, key=lambda each: each[1])[2]
     # The axis about which the body's up direction leans forward and left.
     axis = np.array([-left, forward]) / np.hypot(forward, left)
     # With the variance s² of either error along each axis, the square of their sum is 4 s² on average. The
@@ -50,12 +52,13 @@ def held_mount_covariance(
     return np.asarray(square * (np.outer(axis, axis) / 4 + np.eye(2) / 8))
 
 
-def with_mount_error(covariances: Array, b_T_c: Array, mount_covariance: Array) -> Array:
-    """Return covariances (n, 6, 6) of body poses whose camera has an uncertain mount ``b_T_c`` (4, 4).
+def mount_displacements(b_T_c: Array, mount_covariance: Array) -> Array:
+    """Return (6, 2) right perturbations of a body pose by the independent errors of its camera's mount.
 
-    ``mount_covariance`` (2, 2) is that of its rotation about the body's x and y. The camera stays where it
-    is, and the body turns about it.
+    ``mount_covariance`` (2, 2) is that of the rotation of the mount ``b_T_c`` (4, 4) about the body's x and
+    y. The camera stays where it is, and the body turns about it.
     """
+    variance, about = np.linalg.eigh(mount_covariance)
     axes = np.eye(3)[:2]
     J = np.concatenate([axes.T, np.cross(b_T_c[:3, 3], axes).T])
-    return np.asarray(covariances + J @ mount_covariance @ J.T)
+    return np.asarray(J @ about * np.sqrt(np.maximum(variance, 0.0)))

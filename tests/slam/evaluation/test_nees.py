@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest, wishart
 
-from slam.core.estimate import JOINT_ERRORS
 from slam.evaluation import evaluate
 from slam.evaluation.nees import consistency, nees, world_errors
 from tests.slam.evaluation.scene import estimate_of, exponential, flight_of, smooth_poses, yaw_shift
@@ -129,7 +128,7 @@ def with_a_common_scale(seed, scale_std, std=0.02, count=60):
     b_R_w[:, :3, :3] = b_R_w[:, 3:, 3:] = hat[:, :3, :3].transpose(0, 2, 1)
     truth = hat @ exponential((b_R_w @ xi_w[:, :, None])[:, :, 0])
     truth[0] = hat[0]
-    shared = np.zeros((count, 6, JOINT_ERRORS))
+    shared = np.zeros((count, 6, 3))
     shared[:, :, 0] = (b_R_w @ common[:, :, None])[:, :, 0]
     return hat, truth, b_R_w @ P_w @ b_R_w.transpose(0, 2, 1), shared
 

@@ -14,10 +14,10 @@ from slam.mapping.calibration.clock_offset import (
     NO_CORRECTION,
     clock_contradiction,
     clock_correction,
+    clock_displacements,
     clock_errors,
     clock_warning,
     finer_correction,
-    with_clock_error,
 )
 from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
@@ -101,10 +101,11 @@ def test_an_error_of_the_time_moves_a_pose_along_its_motion():
     poses, stamps_s = np.tile(np.eye(4), (4, 1, 1)), 0.5 * np.arange(4)
     poses[:, 0, 3] = 2.0 * stamps_s  # 2 m/s
     poses[3] = np.nan
-    widened = with_clock_error(np.zeros((4, 6, 6)), poses, stamps_s, np.full(4, 0.01))
-    np.testing.assert_allclose(widened[:3, 3, 3], 0.02**2)
-    widened[:, 3, 3] = 0.0
-    np.testing.assert_allclose(widened, 0.0)
+    pieces = ClockPiece(float("-inf"), 0.0, 0.01), ClockPiece(0.4, 0.0, 0.02)
+    moved = clock_displacements(PictureClock(pieces, 1.0), poses, stamps_s, stamps_s)
+    np.testing.assert_allclose(moved[:, 3], [[0.02, 0.0], [0.0, 0.04], [0.0, 0.04], [0.0, 0.0]])
+    moved[:, 3] = 0.0
+    np.testing.assert_allclose(moved, 0.0)
 
 
 CALM = {

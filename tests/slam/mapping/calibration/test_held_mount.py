@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from backend import se3
+from backend.measurements import GRAVITY_M_S2
 from slam import optimize
 from slam.core.flight import Flight
 from slam.evaluation import evaluate
 from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
-from slam.mapping.calibration.held_mount import held_mount_covariance, with_mount_error
+from slam.mapping.calibration.held_mount import held_mount_covariance, mount_displacements
+from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from tests.slam.mapping.calibration.test_attitude_floor_tilt import askew
 from tests.slam.small_flight import flown
 
@@ -49,6 +53,23 @@ def test_an_exact_mount_is_believed_until_a_clear_lean_contradicts_it() -> None:
     )
 
 
+def by_inertia(forward_rad: float, std_rad: float) -> AccelerometerScale:
+    offset, std = (GRAVITY_M_S2 * np.array([x, 0.0, 0.0]) for x in (forward_rad, std_rad))
+    found = SimpleNamespace(offset_m_s2=offset, offset_std_m_s2=std)
+    return cast("AccelerometerScale", SimpleNamespace(found=found))
+
+
+def test_a_vague_accelerometer_limits_a_clear_lean_of_the_attitude_by_its_noise_alone() -> None:
+    clear = leaning(0.05, 0.0)
+    alone, vague = (held_mount_covariance(clear, each) for each in (None, by_inertia(0.0, 0.02)))
+    assert 0.1 * alone[1, 1] < vague[1, 1] < 0.5 * alone[1, 1]
+    sharp = held_mount_covariance(clear, by_inertia(1e-4, 1e-4))
+    assert sharp[1, 1] < 1e-3 * alone[1, 1]
+    both = held_mount_covariance(clear, by_inertia(0.05, 1e-4), told_exact=True)
+    assert both[1, 1] == pytest.approx(alone[1, 1], rel=1e-3)
+    assert not held_mount_covariance(clear, by_inertia(0.0, 0.02), told_exact=True).any()
+
+
 def test_a_lean_forward_is_a_rotation_about_left() -> None:
     told = held_mount_covariance(leaning(0.05, 0.0), None)
     assert told[1, 1] == pytest.approx(3 * told[0, 0])
@@ -63,8 +84,8 @@ def test_the_body_turns_about_the_camera() -> None:
     step = np.array([2e-6, -1e-6, 0.0])
     turned[:3, :3] = Rotation.from_rotvec(step).as_matrix() @ b_T_c[:3, :3]
     error = se3.log((b_T_c @ se3.inverse(turned))[None])[0]
-    told = with_mount_error(np.zeros((2, 6, 6)), b_T_c, np.outer(step[:2], step[:2]))
-    assert told == pytest.approx(np.array([np.outer(error, error)] * 2), abs=1e-16)
+    told = mount_displacements(b_T_c, np.outer(step[:2], step[:2]))
+    assert told @ told.T == pytest.approx(np.outer(error, error), abs=1e-16)
 
 
 def without_attitude(flight: Flight) -> Flight:

@@ -1,0 +1,63 @@
+"""Errors of all poses together: those that the refinement knows, and those of instruments that it holds."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.linalg import ArpackError
+
+from backend.bundle.accuracy.joint_errors import joint_errors
+from backend.sparse_cholesky import SingularMatrixError
+from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
+from slam.mapping.calibration.clock_offset import NO_CORRECTION, clock_displacements
+from slam.mapping.calibration.held_mount import held_mount_covariance, mount_displacements
+from slam.mapping.context import Context
+from slam.mapping.map import Map
+
+Array = NDArray[np.float64]
+
+REFINED = 12
+"""Errors that are kept of the refinement's. On figure eights the twelfth has less than a twentieth of the
+largest's variance."""
+
+
+def instrument_errors(context: Context, map_: Map) -> Array:
+    """Return (n, 6, e) right perturbations of the poses by one standard deviation of each error that the
+    refinement takes for none: the delays of a corrected clock, and the tilt of a held mount."""
+    stamps_s, n = map_.observations.stamps_s, len(map_.w_T_b)
+    found = np.zeros((n, 6, 0))
+    if context.clock is not NO_CORRECTION:
+        camera_stamps_s = map_.observations.camera_stamps_s[map_.observations.frame_index]
+        found = clock_displacements(context.clock, map_.w_T_b, stamps_s, camera_stamps_s)
+    if context.flight.parts or (map_.bundle is not None and map_.bundle.mount_std_rad > 0):
+        return found  # each part has a level of its own, and an estimated mount is counted
+    tilt = attitude_floor_tilt(context.flight, stamps_s, map_.of_main(map_.w_T_b))
+    mount = held_mount_covariance(tilt, map_.inertial, map_.camera.mount_std_rad == 0.0)
+    if not mount.any():
+        return found
+    of_all = np.broadcast_to(mount_displacements(map_.camera.b_T_c, mount), (n, 6, 2))
+    return np.concatenate([found, of_all], axis=2)
+
+
+def with_instrument_errors(covariances: Array, errors: Array) -> Array:
+    """Return covariances (n, 6, 6) with those of ``errors`` (n, 6, e)."""
+    return np.asarray(covariances + errors @ errors.transpose(0, 2, 1))
+
+
+def of_all_poses(map_: Map, errors: Array) -> Array | None:
+    """Return the largest errors (n, 6, s) of all poses together, those of the refinement first, then
+    ``errors`` (n, 6, e).
+
+    None without a refinement, where a direction is open, and where instruments have joined other parts to the
+    refined one.
+    """
+    main = np.flatnonzero(map_.component == 0)
+    if map_.bundle is None or len(main) != len(map_.bundle.w_T_b):
+        return None
+    try:
+        of_main = joint_errors(map_.bundle.optimum, map_.bundle.covariances, REFINED)
+    except (SingularMatrixError, ArpackError):
+        return None
+    refined = np.zeros((len(map_.component), *of_main.shape[1:]))
+    refined[main] = of_main
+    return np.concatenate([refined, errors], axis=2)
