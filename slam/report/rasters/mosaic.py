@@ -132,11 +132,10 @@ def write_mosaic(
 
 def _apart(estimate: Estimate, flight: Flight) -> dict[int, str]:
     """Return the numbers of the keyframes of parts that cannot be drawn beside the largest, with reasons."""
-    camera = estimate.camera or flight.camera
     if estimate.origin is None:
         apart = np.flatnonzero(estimate.component > 0)
         return {int(k): "in a part of the flight that is not tied to the largest" for k in apart}
-    return {} if camera is None else looking_elsewhere(estimate, flight, camera)
+    return looking_elsewhere(estimate, flight)
 
 
 def _not_drawn(estimate: Estimate, plan: MosaicPlan) -> dict[str, str]:
