@@ -113,8 +113,9 @@ def main() -> None:
         screen.print(shown(record))
         # Read again: another run may have added its figures meanwhile.
         records = {**earlier(), name: record}
+        content = json.dumps([asdict(each) for each in records.values()], indent=1, ensure_ascii=False)
         with atomic_file(BENCH) as path:
-            path.write_text(json.dumps([asdict(record) for record in records.values()], indent=1) + "\n")
+            path.write_text(content + "\n", encoding="utf-8")
     sections = sections_of(earlier())
     for page, block in ((PAGE, markdown(sections)), (README, headlines(sections))):
         with atomic_file(page) as path:
@@ -153,7 +154,7 @@ def earlier() -> dict[str, Record]:
     """Return the figures of earlier runs."""
     if not BENCH.exists():
         return {}
-    records = [Record.of(data) for data in json.loads(BENCH.read_text())]
+    records = [Record.of(data) for data in json.loads(BENCH.read_text(encoding="utf-8"))]
     return {record.name: record for record in records if record.name in TITLES}
 
 
