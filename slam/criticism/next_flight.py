@@ -28,7 +28,7 @@ from slam.criticism.search.information import fisher_information
 from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.posterior import Posterior
-from slam.criticism.without_commands.likelihood import likelihood_of, picture_rows
+from slam.criticism.without_commands.likelihood import begin_of, likelihood_of, picture_rows
 from slam.criticism.without_commands.sensor_comparison import airborne_record, with_free_motion
 from slam.criticism.without_commands.whitened_rows import WhitenedRows, inertial_residuals
 from slam.data_quality.pictures.cells import CELL_STEPS, Cells
@@ -161,7 +161,7 @@ def next_motion(
         rows = inertial_residuals(flight)
         if seen is not None and (record := airborne_record(flight)) is not None:
             planned_record = replace(record, matches=planned_matches(record, parameters, seen))
-            rows += picture_rows(planned_record, parameters, {})
+            rows += picture_rows(planned_record, parameters, {}, begin_of(rows))
         planned = [r for r in rows if r.kind in noise]
         if not planned:
             return 0.0

@@ -25,6 +25,8 @@ Ints = NDArray[np.int64]
 
 NODE_S, ABOUT_S = 0.5, 0.1
 """Spacing of the moments, and half the time about each over which differences are averaged."""
+ROUNDING_S = 1e-6
+"""Greatest rounding error of stamps. Readings on the edge of an interval must not depend on it."""
 FEWEST = 20
 """Least number of readings, and of moments, of a comparison."""
 LOWEST_M = 0.35
@@ -33,6 +35,14 @@ JUMP = 6.0
 """Least jump of a rate between samples, beside its neighbours, in standard deviations."""
 DELAY = ".delay_s"
 """Suffix of the column of a delayed stream."""
+INTEGRATED = " as integrated"
+"""Suffix of the second estimate of the quantity that a scale multiplies."""
+CHANNELS = {
+    "attitude": [(f"{angle} from the gyro", "rad") for angle in ("roll", "pitch", "yaw")],
+    "velocity": [(f"velocity {way} from the accelerometer", "m/s") for way in ("east", "north")],
+    "height": [("height from the accelerometer", "m")],
+}
+"""Name and unit of each component of a comparison."""
 BETWEEN_SAMPLES = "gyro between samples"
 """Column of the effect of jumps of the rate between samples. The moment between the samples is unknown. Where
 sticks jump at even times it is always the same."""
@@ -258,7 +268,37 @@ class ComparisonMoments(NamedTuple):
 
 def moments_of(stamps: Array, near_floor: Array) -> ComparisonMoments:
     """Return the moments of a stream with stamps (n,); ``near_floor`` (m,) are stamps of low ranges."""
-    nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S, NODE_S)
-    begin, end = (np.searchsorted(stamps, nodes + side) for side in (-ABOUT_S, ABOUT_S))
-    low = np.searchsorted(near_floor, nodes + 2 * ABOUT_S) - np.searchsorted(near_floor, nodes - 2 * ABOUT_S)
+    nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S - ROUNDING_S, NODE_S)
+    edges = nodes - ROUNDING_S
+    begin, end = (np.searchsorted(stamps, edges + side) for side in (-ABOUT_S, ABOUT_S))
+    low = np.searchsorted(near_floor, edges + 2 * ABOUT_S) - np.searchsorted(near_floor, edges - 2 * ABOUT_S)
     return ComparisonMoments(nodes, begin, end, (end - begin >= 2) & (low == 0))
+
+
+def segment_numbers(times_s: Array, begin_s: Array | float, segment_s: float) -> Ints:
+    """Return (n,) the number of the segment of each time, counted from ``begin_s``."""
+    return np.floor((times_s - begin_s + ROUNDING_S) / segment_s).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Averages:
+    """One component of a comparison, at moments ``NODE_S`` apart."""
+
+    channel: str
+    unit: str
+    order: int
+    """Number of integrations of the imu."""
+    times_s: Array
+    """(n,)."""
+    whole: NDArray[np.bool_]
+    """(n,) whether there are readings about a moment, none of them near the floor."""
+    pause: Ints
+    """(n,) number of gaps before the moment."""
+    names: list[str]
+    """Names of the table's columns after its first."""
+    table: Array
+    """(n, 1 + columns) reading less integral, and its derivative by each effect."""
+
+    def column(self, name: str) -> int:
+        """Return the index of a column in the table; of a scale, that of the integrated quantity."""
+        return 1 + self.names.index(name + INTEGRATED if name + INTEGRATED in self.names else name)

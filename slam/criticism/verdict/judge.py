@@ -82,19 +82,12 @@ def judge(evidence: Evidence) -> Criticism:
     probability = posterior.probability | {c.name: c.probability for c in causes}
     criticism = evidence.completed(
         Criticism(
-            verdict=verdict,
-            causes=causes,
-            equivalence_set=equivalents,
-            findings=findings,
-            detectable=detectable(found.first, limits.effects),
-            ranking=ranking(found, probability, evidence.anomalies),
-            confusable=confusable(found.first),
-            patterns=tuple(left[:SHOWN_PATTERNS]),
-            threshold=limits.effects,
-            threshold_means=limits.meaning,
-            model=evidence.model,
+            verdict=verdict, causes=causes, equivalence_set=equivalents, findings=findings,
+            detectable=detectable(found.first, limits.effects), confusable=confusable(found.first),
+            ranking=ranking(found, probability, evidence.anomalies), patterns=tuple(left[:SHOWN_PATTERNS]),
+            threshold=limits.effects, threshold_means=limits.meaning, model=evidence.model,
         )
-    )
+    )  # fmt: skip
     return criticism if criticism.verdict == "unusable" else with_sentences(criticism)
 
 

@@ -12,10 +12,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
-from slam.core.arrays import Array
+from slam.core.arrays import Array, Ints
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
 from slam.criticism.camera.reprojection import reprojection_errors
@@ -26,7 +27,7 @@ from slam.criticism.next_flight import next_motion
 from slam.criticism.search.effects import LATE, Effect
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
-from slam.criticism.search.thresholds import Thresholds
+from slam.criticism.search.thresholds import Thresholds, parameter_cost
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
 from slam.criticism.verdict.held_out import held_out, parts_of
@@ -37,6 +38,7 @@ from slam.criticism.verdict.power import NINE_OF_TEN
 from slam.criticism.verdict.rollouts import Covariate, covariate_of
 from slam.criticism.without_commands.likelihood import (
     Sizes,
+    begin_of,
     columns_of,
     contradiction,
     fisher_of,
@@ -45,11 +47,11 @@ from slam.criticism.without_commands.likelihood import (
     table_of,
 )
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
-from slam.criticism.without_commands.whitened_rows import Averages, FlightRows, WhitenedRows
+from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
 from slam.data_quality.axes import axes_of_all
 from slam.data_quality.channels import larger_noise
 from slam.data_quality.finding import Finding, Remark
-from slam.data_quality.inertial_comparison import NODE_S
+from slam.data_quality.inertial_comparison import NODE_S, Averages, segment_numbers
 from slam.simulation.model import Model
 from slam.simulation.replay.compare import HORIZONS_S
 
@@ -89,7 +91,7 @@ class ComparedFlights(Evidence):
         return self._in_parts(fisher_of(self.rows, columns_of(self.rows), PART_S), PART_S)
 
     def _in_parts(self, fisher: FisherInformation, part_s: float) -> Parts:
-        begin_s = np.asarray(part_s * segments_of(self.rows, part_s)[0][:, 1])
+        begin_s = segments_of(self.rows, part_s)[1]
         return Parts(fisher, [flight.name for flight in self.flights], begin_s, part_s)
 
     @cached_property
@@ -137,17 +139,12 @@ class ComparedFlights(Evidence):
             advised = next_motion(self.model, searched, self.rows, rivals, matches, self.progress)
         drawn = (covariate_in_comparisons(self.rows, searched, c) for c in found.causes[:1])
         return replace(
-            found,
-            next_flight=advised,
-            covariate=next(drawn, None),
+            found, next_flight=advised, covariate=next(drawn, None), changes=self._changes(),
             extended=with_certainty(with_terms(self.model, found.causes), found.causes),
             flights=tuple(f.name for f, known in zip(self.flights, self.rows, strict=True) if known),
-            noise=tuple(larger_noise(self.flights)),
-            not_shown=self._not_shown(found.detectable),
-            dropped=(*self.sensors.dropped, NO_COMMANDS),
-            limits=NOT_JUDGED,
-            changes=self._changes(),
-        )
+            noise=tuple(larger_noise(self.flights)), not_shown=self._not_shown(found.detectable),
+            dropped=(*self.sensors.dropped, NO_COMMANDS), limits=NOT_JUDGED,
+        )  # fmt: skip
 
     def _changes(self) -> tuple[SizeOverTime, ...]:
         """Return the sizes over time of parameters that vary, or that change at a moment."""
@@ -202,25 +199,47 @@ def explain_comparisons(
 
 def search_linear(found: SearchResult) -> SearchResult:
     """Choose the significant effects, greatest first, by one expansion, without those that others replace."""
-    while len(found.chosen) < MOST and (best := _next(found)) is not None:
+    while len(found.chosen) < MOST and (best := _best(found, found.chosen)) is not None:
         found = replace(found, chosen=(*found.chosen, best))
+    found = _significant(found)
     for effect in found.chosen:
-        # A term that led alone may lag behind another beside the rest.
         rest = tuple(e for e in found.chosen if e is not effect)
-        best = found.last.score_tests(rest, found.last.effects)[0].effect
-        found = replace(found, chosen=tuple(best if e is effect else e for e in found.chosen))
-    while any(found.z_of(e) < STANDS_OUT_Z for e in found.chosen):
-        weakest = min(found.chosen, key=found.z_of)
-        found = replace(found, chosen=tuple(e for e in found.chosen if e is not weakest))
+        found = replace(found, chosen=(*rest, _best(found, rest, effect) or effect))
     return found
 
 
-def _next(found: SearchResult) -> Effect | None:
-    """Return the effect that explains most beside the chosen ones, among those that stand out and predict
-    held-out parts; None where there is none."""
-    for test in found.last.score_tests(found.chosen, found.last.effects):
-        more = replace(found, chosen=(*found.chosen, test.effect))
-        if test.z >= STANDS_OUT_Z and held_out(more, found.chosen).total >= CONFIRMED_NATS:
+def _significant(found: SearchResult) -> SearchResult:
+    """Return the chosen effects that explain most together while each stands out beside the others. To drop
+    the least significant one first may lose another that explains far more."""
+
+    def worth(kept: SearchResult) -> float:
+        cost = sum(parameter_cost(len(e.columns)) for e in kept.chosen)
+        return found.last.quadratic.nats(kept.chosen, found.chosen) - cost
+
+    every = (s for count in range(len(found.chosen) + 1) for s in combinations(found.chosen, count))
+    return max(filter(_all_stand_out, (replace(found, chosen=s) for s in every)), key=worth)
+
+
+def _all_stand_out(found: SearchResult) -> bool:
+    return all(found.z_of(e) >= STANDS_OUT_Z for e in found.chosen)
+
+
+def _best(found: SearchResult, rest: tuple[Effect, ...], place: Effect | None = None) -> Effect | None:
+    """Return the effect that explains most beside the ``rest``, of those that stand out and predict held-out
+    parts; None where there is none, or none but the one in ``place``.
+
+    A term that led alone may lag behind another beside the rest. Another takes its place only if it explains
+    the greater part of what that explains, and if all effects stand out with it.
+    """
+    tests = found.last.score_tests
+    for test in tests(rest, found.last.effects):
+        if test.effect is place:
+            break
+        more = replace(found, chosen=(*rest, test.effect))
+        if test.z < STANDS_OUT_Z or held_out(more, rest).total < CONFIRMED_NATS:
+            continue
+        left = tests(more.chosen, [place])[0].nats if place else 0.0
+        if place is None or (2.0 * left < tests(rest, [place])[0].nats and _all_stand_out(more)):
             return test.effect
     return None
 
@@ -263,14 +282,15 @@ def channel_errors(found: SearchResult, rows: FlightRows, by: str) -> tuple[Chan
     part, _ = parts_of(found.last.fisher.flight)
     terms = [e.name for e in found.chosen if e.is_term]
     of_part = {k: found.last.over(part != k).sizes(found.chosen) for k in np.unique(part).tolist()}
-    sizes: list[dict[float, Sizes]] = [{} for _ in rows]
+    sizes: list[dict[int, Sizes]] = [{} for _ in rows]
     for (flight, number), k in zip(segments_of(rows, SEGMENT_S)[0].tolist(), part.tolist(), strict=True):
         sizes[flight][number] = {c: x for c, x in of_part[k].items() if c.rpartition(".")[0] in terms}
     squares: dict[tuple[str, str, float], list[Array]] = {}
     for of_flight, of_segment in zip(rows, sizes, strict=True):
         for averages in (r.averages for r in of_flight if r.averages is not None):
+            segment = segment_numbers(averages.times_s, begin_of(of_flight), SEGMENT_S)
             for horizon in HORIZONS_S:
-                apart = _errors_of(averages, horizon, of_segment, by == "flight")
+                apart = _errors_of(averages, horizon, segment, of_segment, by == "flight")
                 squares.setdefault((averages.channel, averages.unit, horizon), []).append(apart**2)
     errors = []
     for (channel, unit, horizon), of in squares.items():
@@ -282,14 +302,14 @@ def channel_errors(found: SearchResult, rows: FlightRows, by: str) -> tuple[Chan
 
 
 def _errors_of(
-    averages: Averages, horizon_s: float, sizes: Mapping[float, Sizes], whole_flight: bool
+    averages: Averages, horizon_s: float, segment: Ints, sizes: Mapping[int, Sizes], whole_flight: bool
 ) -> Array:
-    """Return errors (n, 2) before and after, from every moment whose horizon lies within one part."""
+    """Return errors (n, 2) before and after, from every moment whose horizon lies within one part. ``sizes``
+    are those of each ``segment`` (moments,)."""
     ahead = round(horizon_s / NODE_S)
     last = len(averages.times_s) - ahead
     if last < 1 or ahead % averages.order:
         return np.zeros((0, 2))
-    segment = averages.times_s // SEGMENT_S
     lost = np.concatenate([[0], np.cumsum(~averages.whole)])
     kept = (lost[ahead + 1 :] == lost[:last]) & (averages.pause[ahead:] == averages.pause[:last])
     kept &= whole_flight | (segment[ahead:] == segment[:last])

@@ -27,6 +27,7 @@ from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
 from slam.data_quality.finding import Remark
+from slam.data_quality.inertial_comparison import segment_numbers
 from slam.simulation.terms import CATALOGUE
 
 Sizes = Mapping[str, float]
@@ -72,20 +73,27 @@ def table_of(rows: FlightRows, columns: Sequence[str]) -> Array:
     return table
 
 
-def segments_of(rows: FlightRows, segment_s: float) -> tuple[Ints, Ints]:
-    """Return (segments, 2) flight and number of each segment, and (rows,) the segment of each row."""
-    of_row = [
-        np.column_stack([np.full(len(r.off), k), (r.times_s // segment_s).astype(np.int64)])
-        for k, flight in enumerate(rows)
-        for r in flight
-    ]
-    labels, segment = np.unique(np.concatenate(of_row), axis=0, return_inverse=True)
-    return labels, segment
+def begin_of(rows: Sequence[WhitenedRows], otherwise_s: float = 0.0) -> float:
+    """Return the first moment of a flight's comparisons, from which its segments are counted.
+
+    Stamps begin anywhere: segments from a fixed second would differ between copies of one recording.
+    """
+    return min((float((r.averages or r).times_s[0]) for r in rows), default=otherwise_s)
+
+
+def segments_of(rows: FlightRows, segment_s: float) -> tuple[Ints, Array, Ints]:
+    """Return (segments, 2) flight and number, (segments,) begin in s, and (rows,) the segment of each row."""
+    begin_s = np.array([begin_of(found) for found in rows])
+    flight = np.concatenate([np.full(len(r.off), k) for k, found in enumerate(rows) for r in found])
+    times_s = np.concatenate([r.times_s for found in rows for r in found])
+    number = segment_numbers(times_s, begin_s[flight], segment_s)
+    labels, segment = np.unique(np.column_stack([flight, number]), axis=0, return_inverse=True)
+    return labels, begin_s[labels[:, 0]] + segment_s * labels[:, 1], segment
 
 
 def fisher_of(rows: FlightRows, columns: Sequence[str], segment_s: float = SEGMENT_S) -> FisherInformation:
     """Return score and information of the rows' columns, and of each once more as it grows with time."""
-    labels, segment = segments_of(rows, segment_s)
+    labels, _, segment = segments_of(rows, segment_s)
     off = np.concatenate([r.off for flight in rows for r in flight])
     table = table_of(rows, columns)
     table = np.column_stack([table, table * _minutes(rows)[:, None]])
@@ -157,12 +165,14 @@ PICTURE_COLUMNS = (
 _JUDGED = (*PICTURE_COLUMNS, *USUAL_STD)
 
 
-def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> list[WhitenedRows]:
+def picture_rows(
+    record: Record, parameters: FilterParameters, sizes: Sizes, begin_s: float
+) -> list[WhitenedRows]:
     """Return the rows of a flight's pictures, linear about such ``sizes`` as the parameters can hold.
 
-    The pictures of each ten seconds give a score g and an information H of every error that moves points of
-    the floor in them, or changes their tones. With H = R'R the rows are R x = R'^-1 g, of unit variance.
-    ``parameters`` have inflated process noise and lack these errors.
+    The pictures of each ten seconds from ``begin_s`` give a score g and an information H of every error that
+    moves points of the floor in them, or changes their tones. With H = R'R the rows are R x = R'^-1 g, of
+    unit variance. ``parameters`` have inflated process noise and lack these errors.
     """
     matches, count = record.matches, len(PICTURE_COLUMNS)
     assert matches is not None
@@ -172,7 +182,7 @@ def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> 
     at = np.array([point.get(name, 0.0) for name in PICTURE_COLUMNS])
     parameters = with_steps(parameters, point.items())
     along, perturbations = camera_path(record, matches, parameters), [*map(direction, _JUDGED)]
-    number, made = (along.times_s // SEGMENT_S).astype(np.int64), []
+    number, made = segment_numbers(along.times_s, begin_s, SEGMENT_S), []
     for k in np.unique(number).tolist():
         begin, end = np.searchsorted(number, [k, k + 1]).tolist()
         if end - begin < FEWEST_PICTURES:
@@ -188,9 +198,8 @@ def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> 
         own_score = seen.score[own] - projected @ seen.score[rest]
         root, white = _roots(information[own, own] - projected @ information[rest, own], own_score)
         off, traces = (white + root @ at) / over, dict(zip(PICTURE_COLUMNS, root.T / over, strict=True))
-        made.append(
-            WhitenedRows(PICTURES, np.full(len(off), (k + 0.5) * SEGMENT_S), off, traces, float(over), None)
-        )
+        times_s = np.full(len(off), begin_s + (k + 0.5) * SEGMENT_S)
+        made.append(WhitenedRows(PICTURES, times_s, off, traces, float(over), None))
     return made
 
 

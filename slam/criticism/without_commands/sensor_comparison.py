@@ -21,7 +21,7 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record, moving_from, record_of
 from slam.criticism.kalman.transition import HOLD
 from slam.criticism.residuals.reading_anomalies import reading_anomalies, without_dead_zone
-from slam.criticism.without_commands.likelihood import Sizes, picture_rows
+from slam.criticism.without_commands.likelihood import Sizes, begin_of, picture_rows
 from slam.criticism.without_commands.whitened_rows import WhitenedRows, inertial_residuals
 from slam.data_quality.inertial_comparison import near_floor
 from slam.data_quality.pictures.feature_matches import FeatureMatches, match_all_pictures
@@ -60,13 +60,14 @@ class SensorComparison:
     def rows(self, sizes: Sizes) -> list[list[WhitenedRows]]:
         """Return the rows of each flight; those of pictures are linear about ``sizes`` of parameters."""
 
-        def of_pictures(record: Record | None) -> list[WhitenedRows]:
+        def with_pictures(k: int) -> list[WhitenedRows]:
+            known, record = self.comparisons[k], self.records[k]
             if record is None or record.matches is None:
-                return []
-            return picture_rows(record, self.parameters, sizes)
+                return known
+            begin_s = begin_of(known, float(record.times_s[0]))
+            return [*known, *picture_rows(record, self.parameters, sizes, begin_s)]
 
-        pictures = in_threads(of_pictures, self.records)
-        return [[*known, *more] for known, more in zip(self.comparisons, pictures, strict=True)]
+        return in_threads(with_pictures, range(len(self.records)))
 
 
 def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress = silent) -> SensorComparison:

@@ -14,14 +14,17 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from frontend.robust import robust_std
-from slam.core.arrays import Array, Ints, Mask
+from slam.core.arrays import Array, Ints
 from slam.core.flight import Flight
 from slam.criticism.search.thresholds import VERY_SIMILAR_NATS
 from slam.data_quality.inertial_comparison import (
     BETWEEN_SAMPLES,
+    CHANNELS,
     DELAY,
     FEWEST,
+    INTEGRATED,
     READ_AS,
+    Averages,
     ImuReadings,
     compared,
     comparisons,
@@ -34,40 +37,8 @@ from slam.data_quality.inertial_comparison import (
 from slam.simulation.terms import CATALOGUE
 
 LONGEST_GAP_S = 0.15
-INTEGRATED = " as integrated"
-"""Suffix of the second estimate of the quantity that a scale multiplies."""
-CHANNELS = {
-    "attitude": [(f"{angle} from the gyro", "rad") for angle in ("roll", "pitch", "yaw")],
-    "velocity": [(f"velocity {way} from the accelerometer", "m/s") for way in ("east", "north")],
-    "height": [("height from the accelerometer", "m")],
-}
-"""Name and unit of each component of a comparison."""
 LEAST_SHARE = 0.05
 FAR_OFF = 5.0
-
-
-@dataclass(frozen=True)
-class Averages:
-    """One component of a comparison, at moments ``NODE_S`` apart."""
-
-    channel: str
-    unit: str
-    order: int
-    """Number of integrations of the imu."""
-    times_s: Array
-    """(n,)."""
-    whole: Mask
-    """(n,) whether there are readings about a moment, none of them near the floor."""
-    pause: Ints
-    """(n,) number of gaps before the moment."""
-    names: list[str]
-    """Names of the table's columns after its first."""
-    table: Array
-    """(n, 1 + columns) reading less integral, and its derivative by each effect."""
-
-    def column(self, name: str) -> int:
-        """Return the index of a column in the table; of a scale, that of the integrated quantity."""
-        return 1 + self.names.index(name + INTEGRATED if name + INTEGRATED in self.names else name)
 
 
 @dataclass(frozen=True)

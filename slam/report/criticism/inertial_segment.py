@@ -40,7 +40,7 @@ def compared_segment(result: Criticism, flights: Sequence[Flight]) -> Segment | 
 def _channels(result: Criticism) -> list[str]:
     """Return the judged channels that gain by more than a misfit, the best of each kind, the best first."""
     from slam.criticism.search.thresholds import MISFIT
-    from slam.criticism.without_commands.whitened_rows import CHANNELS
+    from slam.data_quality.inertial_comparison import CHANNELS
 
     kinds = {name: kind for kind, channels in CHANNELS.items() for name, _ in channels}
     gain = result.causes[0].gain if result.causes else None

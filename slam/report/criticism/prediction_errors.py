@@ -134,8 +134,7 @@ def _of_replays(flight: Flight, before: Model, after: Model) -> list[BeforeAndAf
 
 
 def _of_integrals(flight: Flight, before: Model | None, after: Model) -> list[BeforeAndAfter]:
-    from slam.criticism.without_commands.whitened_rows import CHANNELS
-    from slam.data_quality.inertial_comparison import comparisons, near_floor
+    from slam.data_quality.inertial_comparison import CHANNELS, comparisons, near_floor
     from slam.simulation.inverse.correct import correct_flight
 
     low_s = near_floor(flight)
