@@ -153,10 +153,10 @@ def split_by_probability(
 
 def by_importance(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     """Sort causes: first the leading one, of the probable ones that which explains most, then the others by
-    their probability as it is told. What single readings show has no gain ahead, and leads only alone."""
+    their probability as it is told. What single readings show has no gain ahead: other probable ones lead."""
     lead = sorted(causes, key=lambda c: (c.probability <= LIKELY, not c.gain.channels, -c.gain.nats))[:1]
     rest = sorted(causes, key=lambda c: (-round(c.probability, 2), not c.gain.channels, -c.gain.nats))
-    return (*lead, *(c for c in rest if c not in lead))
+    return (*lead, *(c for c in rest if c is not lead[0]))
 
 
 def fitted_sizes(
