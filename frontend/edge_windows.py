@@ -76,6 +76,7 @@ class CornerStep(NamedTuple):
 def is_structured(grey: Grey, seen: NDArray[np.uint8]) -> bool:
     """Return whether a picture shows edges in several windows."""
     x, y = (_slope(grey, *axis) for axis in ((1, 0), (0, 1)))
+    # The last bit of OpenCV's magnitude depends on where an array lies in memory.
     change: Grey = np.sqrt(x * x + y * y)
     strongest = _block_max(change * seen)
     return int((strongest > LEAST_CONTRAST).sum()) >= LEAST_WINDOWS

@@ -89,7 +89,7 @@ def _descriptors(space: ScaleSpace, keypoints: Keypoints, angle: Floats) -> Floa
 def _gradients(
     space: ScaleSpace, keypoints: Keypoints, cosine: Floats, sine: Floats, count: int
 ) -> tuple[Floats, Floats]:
-    """Return the gradients (n, count²) along both axes of a window about each keypoint; 0 outside of it.
+    """Return the gradients (n, count²) of a window about each keypoint along x and y; 0 outside the picture.
 
     ``cosine``, ``sine`` (n,): the step from a sample to the next one in pixels of the octave, times those of
     the window's direction. Keypoints are sorted by their pictures.

@@ -34,6 +34,6 @@ class Points:
 
     @cached_property
     def spot(self) -> NDArray[np.int64]:
-        """Return (n,) the first point at the same place: SIFT has one for each orientation of a spot."""
+        """Return (n,) the first point at the same place: some detectors have one for each orientation."""
         _, first, of = np.unique(self.pixel @ [1.0, 1.0j], return_index=True, return_inverse=True)
         return first[of]

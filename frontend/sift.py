@@ -1,6 +1,6 @@
 """SIFT: keypoints of the scale space, described by histograms of gradients.
 
-Keypoints and descriptors are those of OpenCV, but for second orientations.
+The keypoints and descriptors are those of OpenCV's SIFT, without the second orientations.
 """
 
 from __future__ import annotations

@@ -84,14 +84,14 @@ class NoiseLevels:
     position_m: Array
     """(3,)."""
     range_m: float
+    slope_rad: float
+    """Standard deviation of the slope of the ground along either axis: no noise, but estimated like one."""
     height_m: float = np.inf
     """Height by a barometer."""
     control: float = 1.0
     """Factor on the stated deviations of the control points' survey."""
     marks: float = 1.0
     """Factor on the deviation of their marks in the pictures."""
-    slope_rad: float = BundleConfig.slope_std_rad
-    """Standard deviation of the slope of the ground along either axis: no noise, but estimated like one."""
     inertial: InertialNoiseFactors = NOMINAL_INERTIAL_NOISE
     reported: ReportedNoise = NO_REPORTED_NOISE
 

@@ -63,12 +63,9 @@ def track(
     first requested time, or of each one until the next; visual steps imply the latter. Raises
     ``BackendError``, with the time, if a value is not finite, and ``TypeError`` for other objects.
     """
-    for value, expected, name in (
-        (readings, Readings, "readings"),
-        (start, InitialState, "start"),
-        (model, FilterModel, "model"),
-    ):
-        check_type(value, expected, name)
+    check_type(readings, Readings, "readings")
+    check_type(start, InitialState, "start")
+    check_type(model, FilterModel, "model")
     clone = "each" if readings.steps else clone
     events = sort_events(readings, at_s, clone)
     size = at.SIZE_WITHOUT_CLONE if clone == "none" else at.SIZE

@@ -45,14 +45,14 @@ class MosaicPlan(MosaicGrid):
     """Pictures that are needed, in the order of their poses."""
     owner: NDArray[np.int32]
     """(rows, cols) index in ``views`` of the owner of each cell; -1 where no picture sees the ground."""
+    floor_z_m: float
+    """Height of the floor, from which the heights of ``surface`` count."""
     redundant: int = 0
     """Number of usable pictures that are not needed."""
     left_out: dict[int, str] = field(default_factory=dict)
     """Pose number -> why its picture cannot be used."""
     note: str = ""
     """One sentence about a choice made for the user; empty if there was none."""
-    floor_z_m: float = 0.0
-    """Height of the floor, from which the heights of ``surface`` count."""
     surface: Surface | None = None
     """Ground that is not flat; None for the floor alone."""
     bounds_m: Mapping[int, Array] = field(default_factory=dict)

@@ -69,6 +69,7 @@ def locate(
 
 def _first_readable(pictures: Sequence[Path]) -> dict[Path, Image]:
     """Return the first picture that can be read. Raises ``InputError`` with the reasons if none can."""
+    from backend.wording import either
     from slam.core.errors import InputError
     from slam.core.names import listed
     from slam.io.files import shown
@@ -80,11 +81,8 @@ def _first_readable(pictures: Sequence[Path]) -> dict[Path, Image]:
             return {path: read_image(path)}
         except UnreadableImageError as reason:
             reasons.append(f"{shown(str(path))} ({reason})")
-    of = "none of the pictures" if len(reasons) > 1 else "the picture"
-    can = "can" if len(reasons) > 1 else "cannot"
-    raise InputError(
-        f"{of} {can} be read: {listed(reasons)}; give PNG, JPEG or TIFF files that are there and whole"
-    )
+    which = either(len(reasons), "the picture cannot", "none of the pictures can")
+    raise InputError(f"{which} be read: {listed(reasons)}; give complete PNG, JPEG or TIFF files")
 
 
 def locations_csv(found: Sequence[tuple[Path, Location]]) -> str:

@@ -154,7 +154,7 @@ def _flights(
         if mosaic.crs is not None:
             _refuse_place(mosaic.crs, flight)
         if instruments is not None:
-            return _corrected(instruments, flights, folder, mosaic, wanted, progress)
+            return _corrected(instruments, flights, flight, folder, mosaic, wanted, progress)
         estimate, tables = _mapped(flight, wanted, progress)
         return _written(folder, estimate, flight, mosaic, wanted, progress, tables)
 
@@ -237,12 +237,13 @@ def _mapped(
 def _corrected(
     model: Model,
     flights: list[Flight],
+    recorded: Flight,
     folder: Path,
     mosaic: MosaicOptions,
     wanted: _FlightOptions,
     progress: Progress,
 ) -> Results:
-    """Map corrected readings; with truth, compare the map with that of the recorded readings."""
+    """Map corrected readings; with truth, compare the map with that of the readings as ``recorded``."""
     from slam.cli.output_folder import MODEL_NAME
     from slam.evaluation.map_gain import can_be_compared, map_gain
     from slam.report.tables.evaluation import map_gain_table
@@ -253,7 +254,6 @@ def _corrected(
     results = [correct_flight(flight, model) for flight in flights]
     flight = _joined([each.flight.with_warning(each.summary(model)) for each in results], wanted)
     estimate, tables = _mapped(flight, wanted, progress)
-    recorded = _joined(flights, wanted)
     if any(each.corrected_terms for each in results) and can_be_compared(recorded):
         tables = (map_gain_table([map_gain(recorded, flight, estimate, wanted.settings, progress)]), *tables)
     return _written(folder, estimate, flight, mosaic, wanted, progress, tables)

@@ -105,8 +105,8 @@ _VIEWER_FILES = (
         for ending in (".aux.xml", ".ovr")
     ),
 )
-"""Files that viewers create, beside rasters with their statistics and overviews; they may be deleted with
-them."""
+"""Files that viewers create, such as statistics and overviews of rasters; they may be deleted with the
+output."""
 
 _MAP_KEYS = ("status", "frames", "keyframes", "edges", "timing_s", "peak_rss_mb", "warnings")
 _FIRST_MAP_NAMES = OPTIMIZE_NAMES[: OPTIMIZE_NAMES.index("summary.json") + 1]

@@ -151,12 +151,12 @@ def _with_truth(
         )
     inside, covered = covered_by(times_s, stamps_s)
     _count(left_out, "outside the truth's time range", comparable & ~inside)
-    at_s = np.clip(stamps_s, times_s[0], times_s[-1])
-    left, right = _neighbours(times_s, at_s)
     _count(left_out, "in a gap of the truth", comparable & inside & ~covered)
     keyframe = np.flatnonzero(comparable & inside & covered)
-    w_T_b = _interpolated(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
-    missed = _missed_between_rows(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
+    at_s = np.clip(stamps_s[keyframe], times_s[0], times_s[-1])
+    left, right = _neighbours(times_s, at_s)
+    w_T_b = _interpolated(times_s, poses, at_s, left, right)
+    missed = _missed_between_rows(times_s, poses, at_s, left, right)
     return Association(
         reference="truth",
         keyframe=keyframe,

@@ -85,7 +85,7 @@ def nees(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array, shared: Array 
         return None
     xi_w, P_w = xi_w[usable], P_w[usable]
     shared_w = np.zeros((len(xi_w), 6, 0)) if shared is None else B[usable] @ shared[usable]
-    whitened = _whiten(xi_w, P_w)
+    whitened = _whiten(xi_w[:, :, None], P_w)[:, :, 0]
     per_keyframe = np.full(len(usable), np.nan)
     per_keyframe[usable] = np.sum(whitened**2, axis=1)
     return Nees(
@@ -98,7 +98,8 @@ def nees(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array, shared: Array 
 
 
 def world_errors(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> tuple[Array, Array, Array]:
-    """Right perturbations (n, 6) and their covariances (n, 6, 6), both rotated to world axes by the last.
+    """Return right perturbations (n, 6) and their covariances (n, 6, 6), both in world axes, and the matrices
+    (n, 6, 6) that rotate from body axes to world axes.
 
     The NEES is the same in any axes. In world axes a turn of the vehicle does not hide that the errors before
     and after it are one error.
@@ -110,9 +111,8 @@ def world_errors(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> tup
 
 
 def _of_block(rows: slice, xi: Array, P: Array, shared: Array) -> Consistency:
-    P = P[:, rows, rows]
-    of_each = [_whiten(each[:, rows], P) for each in np.moveaxis(shared, 2, 0)]
-    return consistency(_whiten(xi[:, rows], P), np.array(of_each).reshape(-1, *P.shape[:2]))
+    whitened = _whiten(np.concatenate([xi[:, rows, None], shared[:, rows]], axis=2), P[:, rows, rows])
+    return consistency(whitened[:, :, 0], np.moveaxis(whitened[:, :, 1:], 2, 0))
 
 
 def consistency(whitened: Array, shared: Array | None = None) -> Consistency:
@@ -160,9 +160,9 @@ def _invertible(P: Array) -> bool:
     return bool(np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > _SINGULAR)
 
 
-def _whiten(xi: Array, P: Array) -> Array:
-    """Whiten errors of (n, d, d) covariances: (n, d) errors of unit covariance."""
+def _whiten(errors: Array, P: Array) -> Array:
+    """Whiten columns of errors (n, d, s) of (n, d, d) covariances: each then has the unit covariance."""
     scale: Array = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     # Radians and metres differ by orders of magnitude: factor the correlation matrices, not the covariances.
     factor = np.linalg.cholesky(P / (scale[:, :, None] * scale[:, None, :]))
-    return np.asarray(np.linalg.solve(factor, (xi / scale)[:, :, None])[:, :, 0], dtype=float)
+    return np.asarray(np.linalg.solve(factor, errors / scale[:, :, None]), dtype=float)

@@ -193,22 +193,23 @@ def _consistency(
     covariances[coarse] = np.nan
     w_T_b = aligned_w_T_b.copy()
     w_T_b[:, :3, 3] += (unit_m - 1.0) * (w_T_b[:, :3, 3] - w_T_b[0, :3, 3])
-    joint = to_metres[:, None] * _joint_errors(estimate)[association.keyframe]
+    joint = to_metres[:, None] * _joint_errors(estimate, association.keyframe)
     result = nees(w_T_b[1:], association.w_T_b[1:], covariances[1:], joint[1:])
     if result is not None:
         per_keyframe[1:] = result.per_keyframe
     return result, per_keyframe
 
 
-def _joint_errors(estimate: Estimate) -> Array:
-    """(n, 6, s) errors of all poses together; where they are not known, that of the scale alone, if there is
-    one. With GPS, scale and position are known together."""
+def _joint_errors(estimate: Estimate, keyframe: NDArray[np.int64]) -> Array:
+    """(m, 6, s) errors that keyframes (m,) share; where they are not known, that of the scale alone, if there
+    is one. With GPS, scale and position are known together."""
     if estimate.joint_errors is not None:
-        return estimate.joint_errors
+        return estimate.joint_errors[keyframe]
     if estimate.scale_std is None or estimate.origin is not None:
-        return np.zeros((len(estimate.w_T_b), 6, 0))
-    away = estimate.w_T_b[:, :3, 3] - estimate.w_T_b[0, :3, 3]
-    in_body = np.einsum("nij,ni->nj", estimate.w_T_b[:, :3, :3], away)
+        return np.zeros((len(keyframe), 6, 0))
+    w_T_b = estimate.w_T_b[keyframe]
+    away = w_T_b[:, :3, 3] - w_T_b[0, :3, 3]
+    in_body = np.einsum("nij,ni->nj", w_T_b[:, :3, :3], away)
     return np.asarray(np.pad(estimate.scale_std * in_body, ((0, 0), (3, 0)))[:, :, None])
 
 

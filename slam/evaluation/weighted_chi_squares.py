@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 Array = NDArray[np.float64]
 
 _STDS = 30.0
-"""Standard deviations above its mean that the sum exceeds with a probability below 1e-8. This is the error of
-the probabilities, which a period of the characteristic function's steps makes."""
+"""Largest sum that counts, in standard deviations above the mean; larger ones have a probability below 1e-8.
+With steps of finite width the probabilities repeat beyond it, and are off by as much."""
 _TERMS = 4096
 """Steps, after which the terms of three equal weights are below 1e-8. Where one weight is nearly all, the
 lower quantile is off by 0.001 of the mean."""

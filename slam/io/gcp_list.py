@@ -95,6 +95,7 @@ def with_own_points(flight: Flight, folder: Path) -> Flight:
     path = folder / FILE_NAME
     if not path.is_file():
         return flight
+    flight = without_own_points(flight)  # lines that an import recorded about another list
     if flight.frames is None:
         return flight.with_warning(Note(f"{FILE_NAME} is not used: the flight has no pictures"))
     try:

@@ -37,7 +37,7 @@ from slam.mapping.homography_chain import chain
 from slam.mapping.lift_edges import Edges
 from slam.mapping.map import Map
 from slam.mapping.place_part import comparable
-from slam.mapping.pose_errors import instrument_errors, of_all_poses, with_instrument_errors
+from slam.mapping.pose_errors import instrument_displacements, of_all_poses, with_displacements
 from slam.mapping.warnings.accuracy_basis import accuracy_basis
 from slam.mapping.warnings.messages import messages
 from slam.mapping.warnings.not_placed import pictures_not_placed
@@ -71,7 +71,7 @@ def build_estimate(
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
     velocity = velocity_errors(map_.bundle)
-    kept, held = _kept_edges(map_), instrument_errors(context, map_)
+    kept, held = _kept_edges(map_), instrument_displacements(context, map_)
     by_instruments = [velocity_warning(velocity), barometer_warning(map_.bundle)]
     shares = _information_shares(flight, map_)
     said = messages(context, map_, not_placed, shared, mount, shares, [*untested, *by_instruments])
@@ -83,7 +83,7 @@ def build_estimate(
         frame_names=tuple(flight.frames.names[k] for k in observations.frame_index),
         frame_index=observations.frame_index,
         w_T_b=map_.w_T_b,
-        covariances=with_instrument_errors(map_.covariances, held),
+        covariances=with_displacements(map_.covariances, held),
         over_floor_covariances=map_.over_floor_covariances,
         component=map_.component,
         camera=map_.camera,

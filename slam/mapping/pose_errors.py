@@ -8,7 +8,7 @@ from scipy.sparse.linalg import ArpackError
 
 from backend.bundle.accuracy.joint_errors import joint_errors
 from backend.sparse_cholesky import SingularMatrixError
-from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
+from slam.mapping.calibration.attitude_floor_tilt import tilt_over_map
 from slam.mapping.calibration.clock_offset import NO_CORRECTION, clock_displacements
 from slam.mapping.calibration.held_mount import held_mount_covariance, mount_displacements
 from slam.mapping.context import Context
@@ -21,9 +21,9 @@ REFINED = 12
 largest's variance."""
 
 
-def instrument_errors(context: Context, map_: Map) -> Array:
+def instrument_displacements(context: Context, map_: Map) -> Array:
     """Return (n, 6, e) right perturbations of the poses by one standard deviation of each error that the
-    refinement takes for none: the delays of a corrected clock, and the tilt of a held mount."""
+    refinement does not estimate: the delays of a corrected clock, and the tilt of a held mount."""
     stamps_s, n = map_.observations.stamps_s, len(map_.w_T_b)
     found = np.zeros((n, 6, 0))
     if context.clock is not NO_CORRECTION:
@@ -31,7 +31,7 @@ def instrument_errors(context: Context, map_: Map) -> Array:
         found = clock_displacements(context.clock, map_.w_T_b, stamps_s, camera_stamps_s)
     if context.flight.parts or (map_.bundle is not None and map_.bundle.mount_std_rad > 0):
         return found  # each part has a level of its own, and an estimated mount is counted
-    tilt = attitude_floor_tilt(context.flight, stamps_s, map_.of_main(map_.w_T_b))
+    tilt = tilt_over_map(context.flight, map_)
     mount = held_mount_covariance(tilt, map_.inertial, map_.camera.mount_std_rad == 0.0)
     if not mount.any():
         return found
@@ -39,7 +39,7 @@ def instrument_errors(context: Context, map_: Map) -> Array:
     return np.concatenate([found, of_all], axis=2)
 
 
-def with_instrument_errors(covariances: Array, errors: Array) -> Array:
+def with_displacements(covariances: Array, errors: Array) -> Array:
     """Return covariances (n, 6, 6) with those of ``errors`` (n, 6, e)."""
     return np.asarray(covariances + errors @ errors.transpose(0, 2, 1))
 

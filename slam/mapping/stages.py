@@ -19,7 +19,7 @@ from slam.core.instrument_readings import inertial_readings
 from slam.core.lens_priors import as_assumed, as_nominal
 from slam.core.progress import show_compilation
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
-from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
+from slam.mapping.calibration.attitude_floor_tilt import tilt_over_map
 from slam.mapping.calibration.camera_mount import estimated_mount
 from slam.mapping.calibration.clock_offset import clock_correction, finer_correction
 from slam.mapping.calibration.instrument_clocks import on_one_clock
@@ -244,8 +244,7 @@ def with_freed(context: Context, refined: Map, freed: Freed) -> tuple[Context, M
 def _estimated_mount(context: Context, refined: Map) -> Camera | None:
     if context.flight.parts:  # each has a level of its own
         return None
-    poses = refined.of_main(refined.w_T_b)
-    tilt = attitude_floor_tilt(context.flight, refined.observations.stamps_s, poses)
+    tilt = tilt_over_map(context.flight, refined)
     return estimated_mount(context.job.camera, tilt, refined.inertial)
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from backend.bundle.accuracy.systematic_terms import Kind, added_columns
-from backend.bundle.graph import WORLD, metric_jacobians
+from backend.bundle.graph import WORLD, metric_jacobians, origin
 from backend.bundle.noise import autocorrelated_std
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
@@ -226,8 +226,7 @@ def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
         return jacobian @ np.vstack([by_pose, by_point]), by_pose
 
     added = added_columns(optimum, linear, len(left))
-    origin = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
-    to_metres = metric_jacobians(problem, values, origin)
+    to_metres = metric_jacobians(problem, values, origin(problem, values))
     n = len(to_metres)
     columns: dict[Kind, Array] = {}
     moved: dict[Kind, Array] = {}

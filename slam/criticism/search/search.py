@@ -114,7 +114,7 @@ def with_term_replaced(
     gained, others, parameters = max(fits, key=lambda fit: fit[0])
     alike = abs(gained) < VERY_SIMILAR_NATS
     if gained <= 0.0:
-        leads = {(place.label, e[0].label): -less for less, e, _ in fits if len(e) == 1}
+        leads = {(place.label, one[0].label): -more for more, one, _ in fits if len(one) == 1}
         rivals = {place.name: tuple(e.name for e in others)} if alike and len(others) > 1 else {}
         return replace(found, rivals=found.rivals | rivals, leads=found.leads | leads)
     chosen = [e.free for e in (*rest, *others)]

@@ -152,8 +152,8 @@ def split_by_probability(
 
 
 def by_importance(causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """Sort causes: first the leading one, of the probable ones that which explains most, then the others by
-    their probability as it is told. What single readings show has no gain ahead: other probable ones lead."""
+    """Sort causes. The probable cause that explains most leads; the others follow by probability, as told. A
+    cause that only single readings show has no gain ahead, so it leads only where no other is probable."""
     lead = sorted(causes, key=lambda c: (c.probability <= LIKELY, not c.gain.channels, -c.gain.nats))[:1]
     rest = sorted(causes, key=lambda c: (-round(c.probability, 2), not c.gain.channels, -c.gain.nats))
     return (*lead, *(c for c in rest if c is not lead[0]))

@@ -151,7 +151,7 @@ USUAL_STD = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3
 """Standard deviations of quantities that differ between healthy flights."""
 _FAINT = 1e-9
 """Information added on errors that nothing in a segment shows."""
-LEAST_SHARE = 1e-9
+LEAST_INFORMATION = 1e-9
 """Least share of the information: a combination of errors with less is dropped."""
 CONTRADICTED = 2.0
 """Ratio of residuals to their noise beyond which pictures contradict the path; 1 for healthy flights."""
@@ -207,7 +207,7 @@ def _roots(information: Array, score: Array) -> tuple[Array, Array]:
     """Return R with R'R = H, and R'^-1 g; R holds the eigenvectors of H with significant eigenvalues."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     known, turned = np.linalg.eigh(information / scale[:, None] / scale)
-    observed = known > LEAST_SHARE
+    observed = known > LEAST_INFORMATION
     root, turned = np.sqrt(known[observed]), turned[:, observed].T
     return root[:, None] * turned * scale, turned @ (score / scale) / root
 

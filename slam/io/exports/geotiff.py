@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import rasterio
@@ -40,8 +41,9 @@ _AWAY_M = 10.0
 _LINES = 21
 """Lines each way of a grid on a raster, whose steps are compared in the other system."""
 _MOST_UNEVEN = 2.0
-"""Longest over shortest step of a raster's grid. Where a projection breaks, one step is far longer. Beside a
-pole of it, one pixel of 2 x 2 is left of the ground where a grid of equal pixels has its largest scale."""
+"""Longest over shortest step of a raster's grid. Where a projection breaks, one step is far longer. Near a
+pole of the projection the scale changes too: at this ratio, equal pixels keep one of 2 x 2 in a part of the
+map."""
 
 
 def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
@@ -76,8 +78,8 @@ def write_rasters(
     tags = height_tags(estimate)
     for name in targets:
         _refuse_break(folder / name, crs, system)
-    made = {name: target.with_name(f".{target.name}.made") for name, target in targets.items()}
-    try:
+    with TemporaryDirectory(prefix=".crs-", dir=next(iter(targets.values())).parent) as work:
+        made = {name: Path(work) / name for name in targets}
         for name, path in made.items():
             try:
                 _reproject(folder / name, path, crs, RASTERS[name], tags)
@@ -89,9 +91,6 @@ def write_rasters(
                 ) from None
         for name, path in made.items():
             path.replace(targets[name])
-    finally:
-        for path in made.values():
-            path.unlink(missing_ok=True)
     return (
         f"coordinate system: {crs.to_string()}",
         *_stretch_note(crs, estimate.origin),
@@ -181,24 +180,16 @@ def _stretch_note(crs: CRS, origin: GeoOrigin) -> tuple[str, ...]:
 
 
 def _reproject(source: Path, target: Path, crs: CRS, resampling: Resampling, tags: dict[str, str]) -> None:
-    """Resample a raster block by block, and say where its heights begin."""
-    plain = target.with_name(f".{target.name}.scratch")
-    try:
-        _resample(source, plain, crs, resampling)
-        with rasterio.open(plain, "r+") as raster:
-            raster.update_tags(**tags)
-        rasterio.shutil.copy(plain, target, driver="COG", compress="DEFLATE", bigtiff="IF_SAFER")
-    finally:
-        plain.unlink(missing_ok=True)
-
-
-def _resample(source: Path, target: Path, crs: CRS, resampling: Resampling) -> None:
-    """Write a plain GeoTIFF of a raster in ``crs``."""
+    """Resample a raster block by block, and say where its heights begin; a plain one is left beside it."""
+    plain = target.with_name(f"plain_{target.name}")
     with (
         rasterio.Env(GDAL_CACHEMAX=64, GDAL_PAM_ENABLED=False),
         rasterio.open(source) as raster,
         WarpedVRT(raster, crs=crs, resampling=resampling) as warped,
     ):
         rasterio.shutil.copy(
-            warped, target, driver="GTiff", tiled="YES", compress="DEFLATE", bigtiff="IF_SAFER"
+            warped, plain, driver="GTiff", tiled="YES", compress="DEFLATE", bigtiff="IF_SAFER"
         )
+    with rasterio.open(plain, "r+") as raster:
+        raster.update_tags(**tags)
+    rasterio.shutil.copy(plain, target, driver="COG", compress="DEFLATE", bigtiff="IF_SAFER")

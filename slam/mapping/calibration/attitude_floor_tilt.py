@@ -17,6 +17,7 @@ from backend.bundle.noise import autocorrelated_std
 from slam.core.flight import Flight
 from slam.core.rotations import rotation_of
 from slam.mapping.keyframe_readings import attitudes_at
+from slam.mapping.map import Map
 
 Array = NDArray[np.float64]
 
@@ -92,6 +93,13 @@ def attitude_floor_tilt(flight: Flight, stamps_s: Array, w_T_b: Array) -> Attitu
     ]
     wander = float(np.sqrt(np.mean((in_body - means[1]) ** 2)))
     return AttitudeFloorTilt(means[0], means[1], stds[0], stds[1], wander)
+
+
+def tilt_over_map(flight: Flight, map_: Map) -> AttitudeFloorTilt | None:
+    """Return the tilt over the floor of a map; None in a joint map: each flight may have its own."""
+    if flight.parts:
+        return None
+    return attitude_floor_tilt(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
 
 
 def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> str:

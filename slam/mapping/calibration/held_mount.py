@@ -38,6 +38,7 @@ def held_mount_covariance(
         # In leaning axes, gravity looks like a bias.
         std = float(np.max(found.offset_std_m_s2[:2])) / GRAVITY_M_S2
         seen.append((np.array(found.offset_m_s2[:2]) / GRAVITY_M_S2, std))
+    # The noise is that of two components: twice the variance of one.
     shown = [(float(lean @ lean), 2 * std**2, lean) for lean, std in seen]
     leaning = [each for each in shown if each[0] > each[1]]
     if not leaning or (told_exact and any(square < 0.5 * SURE**2 * noise for square, noise, _ in shown)):

@@ -20,8 +20,8 @@ from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stu
 from slam.mapping.calibration.antenna import antenna_place
 from slam.mapping.calibration.attitude_floor_tilt import (
     AttitudeFloorTilt,
-    attitude_floor_tilt,
     attitude_floor_tilt_warning,
+    tilt_over_map,
 )
 from slam.mapping.calibration.camera_mount import mount_warning
 from slam.mapping.calibration.clock_offset import (
@@ -89,7 +89,7 @@ def messages(
     tilt, the shares of the instruments, and lines about tests that were not possible and on the velocity.
     """
     flight, observations = context.flight, map_.observations
-    tilt, systematic = _tilt(context, map_), _systematic_warning(context, map_, shared)
+    tilt, systematic = tilt_over_map(context.flight, map_), _systematic_warning(context, map_, shared)
     gravity = gravity_line(context, map_)
     reasons = _reasons(context, map_, not_placed, shared, systematic, tilt, shares)
     reasons += [gravity.judged] if gravity.is_in_status else []
@@ -101,7 +101,7 @@ def messages(
         *not_placed_warnings(not_placed),
         *lost_picture_warnings(flight, observations),
         *_moving(observations, shared),
-        _over_floor(map_, tilt),
+        _tilt_warning(map_, tilt),
         mount_warning(mount, flight.camera_file),
         clock_warning(map_.clock, context.clock),
         _refuted_antenna(context, map_),
@@ -177,7 +177,7 @@ def _reasons(
         ),
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
-        _over_floor(map_, tilt) if tilt is not None and tilt.is_too_large else "",
+        _tilt_warning(map_, tilt) if tilt is not None and tilt.is_too_large else "",
         slope_by_attitude_warning(map_),
         lean_warning(flight, map_, tilt),
         _stuck_ranges(flight, map_) or _range_contradiction(context, map_),
@@ -243,14 +243,7 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
     ]
 
 
-def _tilt(context: Context, map_: Map) -> AttitudeFloorTilt | None:
-    """Return the tilt of the attitude against the map; None in a joint map: each flight may have its own."""
-    if context.flight.parts:
-        return None
-    return attitude_floor_tilt(context.flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
-
-
-def _over_floor(map_: Map, tilt: AttitudeFloorTilt | None) -> str:
+def _tilt_warning(map_: Map, tilt: AttitudeFloorTilt | None) -> str:
     """Return the warning of a tilt against the floor; none where positions determine the slope."""
     return "" if map_.georeferenced else attitude_floor_tilt_warning(tilt)
 

@@ -20,7 +20,8 @@ def unknown_focal_warning(flight: Flight, map_: Map) -> str:
         return ""
     lens = None if map_.bundle is None else map_.bundle.lens
     if lens is None:
-        found = f"it is not estimated from these pictures, but assumed to {percent(camera.focal_std_ratio)}"
+        std = percent(camera.focal_std_ratio)
+        found = f"these pictures do not either: it is assumed, and may be off by {std}"
     else:
         known = float((lens.std[FOCAL] / lens.calibration[FOCAL]).max())
         if known <= NOMINAL_FOCAL_STD_RATIO:

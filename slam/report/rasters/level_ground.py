@@ -19,6 +19,7 @@ from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.mosaic.view import MosaicView, mosaic_view
 from slam.core.estimate import Estimate
+from slam.report.rasters.pits import doubted_pits
 from slam.report.rasters.surface import MeasuredGround, OverPlane, height_stds
 
 Array = NDArray[np.float64]
@@ -52,7 +53,7 @@ def levelled(ground: MeasuredGround, plan: MosaicPlan, estimate: Estimate) -> Me
     bounds_m = level_bounds(plan, estimate)
     lattice = _Lattice.over(bounds_m, plane.cell_m)
     height_m, cell = lattice.heights(plane, w_R_f)
-    pits = replace(ground, surface=plane).pits
+    pits = doubted_pits(plane)
 
     def taken(values: NDArray[Any], beyond: Any) -> NDArray[Any]:
         return np.where(cell >= 0, values.ravel()[cell], beyond)

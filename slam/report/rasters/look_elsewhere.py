@@ -52,8 +52,9 @@ def looking_elsewhere(estimate: Estimate, flight: Flight) -> dict[int, str]:
             continue
         pictures_m, fixes_m = (length(float(np.median(m[own & is_far]))) for m in (by_pictures_m, by_fixes_m))
         reason = (
-            f"from picture to picture its part moves by {pictures_m} over the ground, by its positions by "
-            f"{fixes_m}: it shows something far away, not the ground below"
+            f"from picture to picture its part of the map moves by {fixes_m} according to its positions, but "
+            f"only by {pictures_m} according to its pictures: it shows something far away, not the ground "
+            "below"
         )
         found |= dict.fromkeys(np.flatnonzero(component == part).tolist(), reason)
     return found

@@ -40,9 +40,7 @@ def test_pictures_none_of_which_can_be_read_are_refused_before_the_map_is_read(t
     folders = {f"--{name}": str(tmp_path / name) for name in ("map", "flight", "out")}
     ran = CliRunner().invoke(app, ["locate", *pictures, *(word for pair in folders.items() for word in pair)])
     assert ran.exit_code == 1
-    assert re.fullmatch(
-        rf"slam: {saying}; give PNG, JPEG or TIFF files that are there and whole\n", ran.stderr
-    ), ran.stderr
+    assert re.fullmatch(rf"slam: {saying}; give complete PNG, JPEG or TIFF files\n", ran.stderr), ran.stderr
     assert os.listdir(tmp_path) == ["broken.png"]
 
 

@@ -133,17 +133,33 @@ def with_a_common_scale(seed, scale_std, std=0.02, count=60):
     return hat, truth, b_R_w @ P_w @ b_R_w.transpose(0, 2, 1), shared
 
 
-@pytest.mark.parametrize("told", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("told", ["joint", "scale", pytest.param("", marks=pytest.mark.slow)])
 def test_the_band_allows_for_a_scale_that_all_poses_share(told):
     """Where the way turns, neighbours do not show that they err alike in it."""
     found = []
     for seed in range(80):
         hat, truth, P, shared = with_a_common_scale(seed, 0.02)
-        estimate = estimate_of(hat, covariances=P, joint_errors=shared if told else None)
+        estimate = estimate_of(
+            hat,
+            covariances=P,
+            joint_errors=shared if told == "joint" else None,
+            scale_std=0.02 if told == "scale" else None,
+        )
         found.append(evaluate(estimate, flight_of(truth)).nees)
     inside = np.mean([each.position.consistent for each in found])
     assert 0.92 <= inside <= 0.99 if told else inside < 0.9
     assert np.mean([each.rotation.consistent for each in found]) >= 0.9
+
+
+def test_the_scale_is_about_the_first_keyframe_that_is_compared():
+    """In a file of an earlier version, whose first keyframe may have no pose."""
+    hat, truth, P, _ = with_a_common_scale(0, 0.02)
+    whole = evaluate(estimate_of(hat, covariances=P, scale_std=0.02), flight_of(truth)).nees.position
+    later = np.concatenate([np.full((1, 4, 4), np.nan), hat[:-1]]), np.concatenate([P[:1], P[:-1]])
+    component = np.r_[-1, np.zeros(len(hat) - 1, dtype=int)]
+    estimate = estimate_of(later[0], covariances=later[1], scale_std=0.02, component=component)
+    found = evaluate(estimate, flight_of(np.concatenate([truth[:1], truth[:-1]]))).nees.position
+    assert found.n_eff == pytest.approx(whole.n_eff, rel=0.1)
 
 
 def test_a_scale_that_errs_twice_as_much_as_stated_is_found():

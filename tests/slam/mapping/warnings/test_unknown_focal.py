@@ -30,5 +30,5 @@ def test_a_map_without_an_estimate_of_the_lens_knows_it_no_better_than_before() 
     flight = SimpleNamespace(camera=SimpleNamespace(focal_std_ratio=UNKNOWN_FOCAL_STD_RATIO))
     for bundle in (None, SimpleNamespace(lens=None)):
         told = unknown_focal_warning(flight, SimpleNamespace(bundle=bundle))
-        assert "it is not estimated from these pictures, but assumed to 30" in told
+        assert "these pictures do not either: it is assumed, and may be off by 30" in told
         assert "these pictures tell it" not in told

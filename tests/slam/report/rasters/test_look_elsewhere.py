@@ -53,7 +53,7 @@ def test_a_part_whose_pictures_hardly_move_is_named_with_what_was_measured():
     found = looking_elsewhere(*mapped(SURVEY, BURST))
     assert list(found) == [9, 10, 11, 12]
     (reason,) = set(found.values())
-    assert f"moves by {length(0.15)} over the ground, by its positions by {length(15.0)}" in reason
+    assert f"moves by {length(15.0)} according to its positions, but only by {length(0.15)}" in reason
 
 
 def test_photographs_whose_attitude_is_told_are_believed():
