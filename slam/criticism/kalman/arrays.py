@@ -107,6 +107,31 @@ class KalmanState(NamedTuple):
     """(n, m) derivative of the mean with respect to each perturbation."""
 
 
+class Ar1Noise(NamedTuple):
+    """State of k AR(1) noises, for a filter state of n entries with m sensitivities."""
+
+    slot: Ints
+    """(channels,) index of the channel's noise, or ``noise.WHITE``."""
+    samples: Ints
+    """(events,) number of samples since the instrument's last one, lost samples included."""
+    coefficient: Array
+    """(k,) AR(1) coefficient."""
+    variance: Array
+    """(k,) stationary variance."""
+    mean: Array
+    """(k,)."""
+    cross: Array
+    """(n, k) covariance with the state."""
+    own: Array
+    """(k, k) covariance."""
+    sensitivity: Array
+    """(k, m)."""
+    reading_cov: Array
+    """(k,) buffer: covariance of the noises with a reading."""
+    work: Array
+    """(10, k) buffer."""
+
+
 class NoiseChangeArrays(NamedTuple):
     """The filter under each of c changes of its noise, for n states and k AR(1) noises."""
 
@@ -124,16 +149,8 @@ class NoiseChangeArrays(NamedTuple):
     """(c, n, n) covariance."""
     shift: Array
     """(n, c) difference of the mean from the plain filter's."""
-    coefficient: Array
-    """(c, k) AR(1) coefficients, ..."""
-    ar1_variance: Array
-    """(c, k) ... stationary variances, ..."""
-    ar1_mean: Array
-    """(c, k) ... means, ..."""
-    cross: Array
-    """(c, n, k) ... covariances with the state, ..."""
-    own: Array
-    """(c, k, k) ... and among each other."""
+    coloured: Ar1Noise
+    """AR(1) noises; those of its arrays that depend on the change have a first axis (c,)."""
     spoilt_channels: Ints
     """(c, events) as ``CommandArrays.spoilt_channels``."""
     before: Array
@@ -147,13 +164,9 @@ class NoiseChangeArrays(NamedTuple):
     work: Array
     """(10, c) ... a product, ..."""
     ph: Array
-    """(n,) ... covariances of the state with a reading, ..."""
-    reading_cov: Array
-    """(k,) ... and those of the noises."""
+    """(n,) ... and covariances of the state with a reading."""
     untraced: Array
-    """(k, 0): no sensitivities of the noises, ..."""
-    untraced_change: Array
-    """(0,) ... and none of readings."""
+    """(0,): readings have no sensitivities."""
 
 
 class StepBuffers(NamedTuple):
@@ -221,21 +234,15 @@ class Scratch(NamedTuple):
     """Buffers within a kernel. No value outlasts a call."""
 
     full: Array
-    """(12,) state of the equations, ..."""
+    """(12,) state of the equations, its rate, that at a nudged state, that under another model, and a sum."""
     rate: Array
-    """... its rate, ..."""
     nudged_rate: Array
-    """... the rate at a nudged state, ..."""
     other: Array
-    """... the rate under another model, ..."""
     total: Array
-    """... and a sum of rates."""
     noise: Array
-    """(8,) noise of the equations, ..."""
+    """(8,) noise of the equations, that at the end of a step, and that with an injected force."""
     ended: Array
-    """... at the end of a step, ..."""
     forced: Array
-    """... and with an injected force."""
     stick: Array
     """(6,) command."""
     nudged: Array
@@ -282,3 +289,20 @@ class PathHistory(NamedTuple):
     t_after: Array
     moves: Array
     """(events, n, n) transition to each event from the one before; identities before the run."""
+
+
+class FilterRun(NamedTuple):
+    """A run of the filter: its inputs, what it updates in place, and its results."""
+
+    given: KalmanInputs
+    estimate: KalmanState
+    step: StepBuffers
+    expected: PredictedReading
+    changes: PerturbationBuffers
+    scratch: Scratch
+    written: KalmanOutputs
+    coloured: Ar1Noise
+    others: NoiseChangeArrays
+    """The filters under changes of the noise."""
+    history: PathHistory
+    """It receives the estimates around each event, unless it is empty."""

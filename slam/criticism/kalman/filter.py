@@ -10,24 +10,12 @@ exact linear sensitivity of the whitened innovations, with the effect of the fil
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from backend.compilation import inner_kernel, kernel
 from slam.core.arrays import Array
-from slam.criticism.kalman.arrays import (
-    KalmanInputs,
-    KalmanOutputs,
-    KalmanState,
-    NoiseChangeArrays,
-    PathHistory,
-    PerturbationBuffers,
-    PredictedReading,
-    Scratch,
-    StepBuffers,
-)
+from slam.criticism.kalman.arrays import FilterRun, KalmanState
 from slam.criticism.kalman.noise import (
     WHITE,
-    Ar1Noise,
     correct_changes,
     correct_noise,
     covariance_with_reading,
@@ -49,24 +37,6 @@ from slam.criticism.kalman.steps import (
 )
 from slam.criticism.kalman.transition import jacobian, split_state
 from slam.simulation.dynamics import PITCH, ROLL, Z, derivative
-
-
-class FilterRun(NamedTuple):
-    """A run of the filter: its inputs, what it updates in place, and its results."""
-
-    given: KalmanInputs
-    estimate: KalmanState
-    step: StepBuffers
-    expected: PredictedReading
-    changes: PerturbationBuffers
-    scratch: Scratch
-    written: KalmanOutputs
-    coloured: Ar1Noise
-    others: NoiseChangeArrays
-    """The filters under changes of the noise."""
-    history: PathHistory
-    """It receives the estimates around each event, unless it is empty."""
-
 
 USED, OUTLIER, IGNORED = 1, 2, 0
 Z_STD = MOVING
@@ -99,7 +69,7 @@ def update(event: int, filtered: FilterRun) -> None:
     expected.correction[:] = 0.0
     changed = others.p.shape[0] > 0
     for k in range(others.p.shape[0]):
-        sample(noise_of(k, coloured, others), event, kind)
+        sample(noise_of(k, others), event, kind)
     sample(coloured, event, kind)
     for c in range(WIDTH[kind]):
         written.status[event, c] = IGNORED
@@ -128,7 +98,7 @@ def update(event: int, filtered: FilterRun) -> None:
             for d in range(change.shape[0]):
                 written.sensitivity[written.rows[0], d] = change[d] / std
         if changed:
-            correct_changes(event, row, expected.rate, channel, miss, s_var, ph, coloured, others, written)
+            correct_changes(event, c, miss, s_var, filtered)
         written.rows[0] += 1
         correct_noise(coloured, ph, s_var, miss, change)
         correct(miss, s_var, estimate, expected)
@@ -148,7 +118,7 @@ def _keep(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
 @inner_kernel
 def _take_reading(e: int, filtered: FilterRun) -> None:
     """Predict the reading of an event, and update the estimate with it."""
-    given, estimate, step, expected, changes, scratch, written, _, _, _ = filtered
+    given, estimate, step, expected, _, scratch, written, _, _, _ = filtered
     events, model, state = given.events, given.model, estimate.state
     kind, stick = events.kinds[e], given.command.at_events[0, e]
     if kind == IMU or events.first_step[e] == events.first_step[e + 1]:
@@ -159,16 +129,16 @@ def _take_reading(e: int, filtered: FilterRun) -> None:
         derivative(step.middle, stick, step.middle_noise, model.parameters, expected.rate)
     if kind == SONAR and model.sensor[RANGE_LAG] > 0.0:
         _turn_within_lag(e, events.times_s, written.states, model.sensor[RANGE_LAG], expected.rate)
-    measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
+    measurement(e, filtered)
     if estimate.sensitivity.shape[1] > 0:
-        direct_change(e, given, state, expected, changes, scratch)
+        direct_change(e, filtered)
     update(e, filtered)
 
 
 @kernel
 def run(begin: int, end: int, filtered: FilterRun) -> None:
     """Filter the events ``begin`` to ``end``; rows of sensitivities start at 0."""
-    given, estimate, step, _, changes, scratch, written, coloured, others, history = filtered
+    given, estimate, step, _, changes, _, written, coloured, others, history = filtered
     events = given.events
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
     traced, changed = sensitivity.shape[1] > 0, others.p.shape[0] > 0
@@ -179,16 +149,16 @@ def run(begin: int, end: int, filtered: FilterRun) -> None:
             if changed:
                 for i in range(len(state)):
                     others.before[i] = state[i]
-            predict(s, given, estimate, step, scratch)
+            predict(s, filtered)
             if changed:
-                predict_changes(events.step_s[s], step, coloured, others)
+                predict_changes(events.step_s[s], step, others)
             if coloured.cross.shape[1] > 0:
                 carry(step.matrix, coloured.cross, coloured.work)
             if kept:
                 carry(step.matrix, history.moves[e], step.work)
             if traced:
                 carry(step.matrix, sensitivity, changes.work)
-                force(s, given, sensitivity, step, changes, scratch)
+                force(s, filtered)
         for i in range(MOVING):
             written.states[e, i] = state[i]
         written.states[e, Z_STD] = math.sqrt(p[Z, Z])

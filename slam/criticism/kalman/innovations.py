@@ -14,7 +14,8 @@ from itertools import pairwise
 import numpy as np
 
 from slam.core.arrays import Array, Ints, Mask
-from slam.criticism.kalman.filter import IGNORED, USED, Z_STD, FilterRun, run
+from slam.criticism.kalman.arrays import FilterRun
+from slam.criticism.kalman.filter import IGNORED, USED, Z_STD, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.kernel_inputs import (
     Perturbation,

@@ -15,9 +15,9 @@ import numpy as np
 
 from slam.core.arrays import Array, Ints
 from slam.criticism.kalman import arrays
-from slam.criticism.kalman.arrays import CommandArrays, PerturbationArrays
+from slam.criticism.kalman.arrays import Ar1Noise, CommandArrays, PerturbationArrays
 from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters
-from slam.criticism.kalman.noise import WHITE, Ar1Noise
+from slam.criticism.kalman.noise import WHITE
 from slam.criticism.kalman.readings import CHANNELS, IMU, INSTRUMENT_OF, MOVING, READ_BY, TARGET, WIDTH
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ENTRIES, ON_CHANNEL, STICKS
@@ -240,12 +240,14 @@ def noise_changes_for(
         p[i], ar1_cov[i] = initial_state(record, own, n, 0).p, np.diag(variance[i, slots])
         hold[i], growth[i], spoilt[i] = own.hold, diffusion(own.hold, n), spoilt_channels(record, own)
     times = [TILT_TIME, TURN_TIME, W_TIME, POLE, GUST_TIME]
+    noises = coloured._replace(
+        coefficient=colour[:, slots].copy(), variance=variance[:, slots].copy(), mean=np.zeros((c, k)),
+        cross=np.zeros((c, n, k)), own=ar1_cov, sensitivity=np.zeros((k, 0)), reading_cov=np.zeros(k),
+    )  # fmt: skip
     return arrays.NoiseChangeArrays(
         hold, (hold[:, times] == parameters.hold[times]).all(axis=1), variance,
-        np.array([own.jitter_s for own in changed], dtype=np.float64), growth, p, np.zeros((n, c)),
-        colour[:, slots].copy(), variance[:, slots].copy(), np.zeros((c, k)), np.zeros((c, n, k)), ar1_cov,
-        spoilt, np.zeros(n), np.zeros((c, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((MOVING, c)),
-        np.zeros(n), np.zeros(k), np.zeros((k, 0)), np.zeros(0),
+        np.array([own.jitter_s for own in changed], dtype=np.float64), growth, p, np.zeros((n, c)), noises,
+        spoilt, *_zeros(n, (c, n), (n, n), (n, n), (MOVING, c), n, 0),
     )  # fmt: skip
 
 

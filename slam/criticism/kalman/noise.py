@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from backend.compilation import inner_kernel
 from slam.core.arrays import Array, Ints
-from slam.criticism.kalman.arrays import KalmanOutputs, NoiseChangeArrays, StepBuffers
+from slam.criticism.kalman.arrays import Ar1Noise, FilterRun, NoiseChangeArrays, StepBuffers
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, MOVING, TARGET, WIDTH
 from slam.criticism.kalman.record import Record
@@ -29,31 +28,6 @@ from slam.criticism.kalman.transition import covariance_step, process_noise, tra
 
 WHITE = -1
 """Slot of a channel whose noise is white."""
-
-
-class Ar1Noise(NamedTuple):
-    """State of k AR(1) noises, for a filter state of n entries with m sensitivities."""
-
-    slot: Ints
-    """(channels,) index of the channel's noise, or ``WHITE``."""
-    samples: Ints
-    """(events,) number of samples since the instrument's last one, lost samples included."""
-    coefficient: Array
-    """(k,) AR(1) coefficient."""
-    variance: Array
-    """(k,) stationary variance."""
-    mean: Array
-    """(k,)."""
-    cross: Array
-    """(n, k) covariance with the state."""
-    own: Array
-    """(k, k) covariance."""
-    sensitivity: Array
-    """(k, m)."""
-    reading_cov: Array
-    """(k,) buffer: covariance of the noises with a reading."""
-    work: Array
-    """(10, k) buffer."""
 
 
 def ar1_noise_for(
@@ -170,16 +144,17 @@ def spread_by_stamp(row: Array, rate: Array, jitter_s: float, diffusion: Array) 
 
 
 @inner_kernel
-def noise_of(c: int, plain: Ar1Noise, changes: NoiseChangeArrays) -> Ar1Noise:
+def noise_of(c: int, changes: NoiseChangeArrays) -> Ar1Noise:
     """Return the AR(1) noises of one change."""
+    noises = changes.coloured
     return Ar1Noise(
-        plain.slot, plain.samples, changes.coefficient[c], changes.ar1_variance[c], changes.ar1_mean[c],
-        changes.cross[c], changes.own[c], changes.untraced, changes.reading_cov, plain.work,
+        noises.slot, noises.samples, noises.coefficient[c], noises.variance[c], noises.mean[c],
+        noises.cross[c], noises.own[c], noises.sensitivity, noises.reading_cov, noises.work,
     )  # fmt: skip
 
 
 @inner_kernel
-def predict_changes(h: float, step: StepBuffers, noise: Ar1Noise, changes: NoiseChangeArrays) -> None:
+def predict_changes(h: float, step: StepBuffers, changes: NoiseChangeArrays) -> None:
     """Predict the changes over the plain filter's last step, which began at its state ``changes.before``."""
     shift, before, n = changes.shift, changes.before, step.matrix.shape[0]
     for c in range(changes.p.shape[0]):
@@ -192,18 +167,14 @@ def predict_changes(h: float, step: StepBuffers, noise: Ar1Noise, changes: Noise
                 for k in range(TARGET, n):
                     slower[i] += (matrix[i, k] - step.matrix[i, k]) * (before[k] + shift[k, c])
         process_noise(changes.hold[c], matrix, changes.q)
-        own = StepBuffers(
-            step.rate, step.slopes, matrix, changes.q, step.middle, step.middle_noise, step.work,
-            step.late_stick_noise, step.contact_variance,
-        )  # fmt: skip
-        covariance_step(h, p, own)
+        covariance_step(h, p, step.slopes, matrix, changes.q, step.work)
         for i in range(MOVING):
             p[i, i] += step.contact_variance[i]
             if step.late_stick_noise[i] != 0.0:
                 for j in range(MOVING):
                     p[i, j] += step.late_stick_noise[i] * step.late_stick_noise[j]
-        if noise.cross.shape[1] > 0:
-            carry(matrix, changes.cross[c], noise.work)
+        if changes.coloured.cross.shape[2] > 0:
+            carry(matrix, changes.coloured.cross[c], changes.coloured.work)
     carry(step.matrix, shift, changes.work)
     for c in range(changes.p.shape[0]):
         if not changes.decays_alike[c]:
@@ -212,25 +183,22 @@ def predict_changes(h: float, step: StepBuffers, noise: Ar1Noise, changes: Noise
 
 
 @inner_kernel
-def correct_changes(
-    event: int,
-    row: Array,
-    rate: Array,
-    channel: int,
-    miss: float,
-    s_var: float,
-    ph: Array,
-    noise: Ar1Noise,
-    changes: NoiseChangeArrays,
-    written: KalmanOutputs,
-) -> None:
-    """Correct the changes by a reading with row h (n,), of a plain innovation ``miss`` of variance ``s_var``.
+def correct_changes(event: int, column: int, miss: float, s_var: float, filtered: FilterRun) -> None:
+    """Correct the changes by an event's channel, of a plain innovation ``miss`` of variance ``s_var``.
 
-    Write the changes of its prediction and the ratios of its variance to ``written``, at the plain row. A
-    change of the stamps' jitter does not use readings that jumps of the stick may then spoil."""
+    Write the changes of its prediction and the ratios of its variance at the plain row. A change of the
+    stamps' jitter does not use readings that jumps of the stick may then spoil."""
+    expected, changes, written, noise = (
+        filtered.expected,
+        filtered.others,
+        filtered.written,
+        filtered.coloured,
+    )
+    row, rate, ph = expected.rows[column], expected.rate, expected.ph
+    channel = FIRST_CHANNEL[filtered.given.events.kinds[event]] + column
     shift, own_ph, at, slot = changes.shift, changes.ph, written.rows[0], noise.slot[channel]
     for c in range(changes.p.shape[0]):
-        own, p = noise_of(c, noise, changes), changes.p[c]
+        own, p = noise_of(c, changes), changes.p[c]
         if channel < changes.spoilt_channels[c, event]:
             written.change_of_mean[at, c], written.variance_ratio[at, c] = 0.0, 1.0
             for i in range(len(row)):
@@ -250,5 +218,5 @@ def correct_changes(
         gain, plain_gain = (miss - moved) / s, miss / s_var
         for i in range(len(row)):
             shift[i, c] += own_ph[i] * gain - ph[i] * plain_gain
-        correct_noise(own, own_ph, s, miss - moved, changes.untraced_change)
+        correct_noise(own, own_ph, s, miss - moved, changes.untraced)
         correct_covariance(own_ph, s, p)

@@ -12,14 +12,7 @@ import math
 from backend.compilation import inner_kernel
 from backend.sparse_product import multiply_sparse
 from slam.core.arrays import Array
-from slam.criticism.kalman.arrays import (
-    KalmanInputs,
-    PerturbationArrays,
-    PerturbationBuffers,
-    PredictedReading,
-    Scratch,
-    StepBuffers,
-)
+from slam.criticism.kalman.arrays import FilterRun
 from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
 from slam.criticism.kalman.transition import NOISES, POLE, split_state
 from slam.simulation.dynamics import COMMAND, GUST_X, GUST_Y, PITCH, ROLL, UP, VX, YAW, rates, thrust
@@ -50,20 +43,10 @@ def _inject(entry: int, size: float, yaw: float, noise: Array, command: Array) -
 
 
 @inner_kernel
-def _rate_change(
-    state: Array,
-    noise: Array,
-    command: Array,
-    parameters: Array,
-    rate: Array,
-    perturbations: PerturbationArrays,
-    changes: PerturbationBuffers,
-    scratch: Scratch,
-) -> None:
-    """Write the change of the state's rate by a unit at each used entry to ``changes.rate_change``.
-
-    Also write the unperturbed rate to ``rate`` (12,).
-    """
+def _rate_change(state: Array, noise: Array, command: Array, rate: Array, filtered: FilterRun) -> None:
+    """Write the rate to ``rate`` (12,), and its change by a unit at each used entry to ``rate_change``."""
+    perturbations, changes, scratch = filtered.given.perturbations, filtered.changes, filtered.scratch
+    parameters = filtered.given.model.parameters
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
     other, forced, moved = scratch.nudged_rate, scratch.forced, scratch.stick
@@ -96,22 +79,15 @@ def _change_over_step(h: float, slopes: Array, change: Array, moved: Array) -> N
 
 
 @inner_kernel
-def force(
-    s: int,
-    given: KalmanInputs,
-    sensitivity: Array,
-    step: StepBuffers,
-    changes: PerturbationBuffers,
-    scratch: Scratch,
-) -> None:
-    """Add the direct effects of the perturbations within step ``s`` to the sensitivities (n, m)."""
+def force(s: int, filtered: FilterRun) -> None:
+    """Add the direct effects of the perturbations within step ``s`` to the sensitivities."""
+    given, estimate, step, _, changes, scratch, _, _, _, _ = filtered
+    sensitivity = estimate.sensitivity
     command, model, perturbations = given.command, given.model, given.perturbations
     h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
     added, change, rate, other = changes.step_change, scratch.change, scratch.rate, scratch.other
-    _rate_change(
-        middle, noise, command.over_steps[0, s], model.parameters, rate, perturbations, changes, scratch
-    )
+    _rate_change(middle, noise, command.over_steps[0, s], rate, filtered)
     for entry in range(ENTRIES):
         if changes.is_used[entry]:
             _change_over_step(h, slopes, changes.rate_change[entry], changes.state_change[entry])
@@ -146,15 +122,10 @@ def _read_by_imu(by_rate: Array, change: Array, read: Array) -> None:
 
 
 @inner_kernel
-def direct_change(
-    event: int,
-    given: KalmanInputs,
-    state: Array,
-    expected: PredictedReading,
-    changes: PerturbationBuffers,
-    scratch: Scratch,
-) -> None:
+def direct_change(event: int, filtered: FilterRun) -> None:
     """Write the direct change of a reading by each perturbation to ``changes.direct``."""
+    given, estimate, _, expected, changes, scratch, _, _, _, _ = filtered
+    state = estimate.state
     events, command, model, perturbations = given.events, given.command, given.model, given.perturbations
     kind, rate, pole_s = events.kinds[event], expected.rate, model.hold[POLE]
     direct, full, noise, other = changes.direct, scratch.full, scratch.noise, scratch.other
@@ -163,8 +134,7 @@ def direct_change(
     c_yaw, s_yaw = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], model.parameters)
     if kind == IMU:
-        stick = command.at_events[0, event]
-        _rate_change(full, noise, stick, model.parameters, other, perturbations, changes, scratch)
+        _rate_change(full, noise, command.at_events[0, event], other, filtered)
         for entry in range(ENTRIES):
             if changes.is_used[entry]:
                 _read_by_imu(expected.by_rate, changes.rate_change[entry], changes.imu_change[entry])

@@ -9,14 +9,7 @@ import math
 
 from backend.compilation import inner_kernel
 from slam.core.arrays import Array
-from slam.criticism.kalman.arrays import (
-    KalmanInputs,
-    KalmanState,
-    ModelArrays,
-    PredictedReading,
-    Scratch,
-    StepBuffers,
-)
+from slam.criticism.kalman.arrays import FilterRun, KalmanInputs, KalmanState, PredictedReading
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     BEFORE,
@@ -82,8 +75,9 @@ STATES_READ = (
 
 
 @inner_kernel
-def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffers, scratch: Scratch) -> None:
-    """Predict state and covariance over step ``s``, in place, and keep the step's matrices in ``step``."""
+def predict(s: int, filtered: FilterRun) -> None:
+    """Predict state and covariance over step ``s``, and write the step's matrices into ``filtered.step``."""
+    given, estimate, step, _, _, scratch, _, _, _, _ = filtered
     state, p, model = estimate.state, estimate.p, given.model
     h, stick, jump = given.events.step_s[s], given.command.over_steps[0, s], given.command.stick_jumps[s]
     late_s = math.sqrt(given.command.late_var_s2)
@@ -91,7 +85,7 @@ def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffer
     transition(step.slopes, model.hold, h, step.matrix)
     process_noise(model.hold, step.matrix, step.q)
     mean_step(h, state, stick, model, step, scratch)
-    covariance_step(h, p, step)
+    covariance_step(h, p, step.slopes, step.matrix, step.q, step.work)
     step.late_stick_noise[:], step.contact_variance[:] = 0.0, 0.0
     if late_s > 0.0 and jump[:5].any():
         # A jump of the stick that is t late shifts the state by t times the jump of its rate.
@@ -117,18 +111,12 @@ def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffer
 
 
 @inner_kernel
-def measurement(
-    kind: int,
-    elapsed: float,
-    state: Array,
-    model: ModelArrays,
-    slopes: Array,
-    expected: PredictedReading,
-    scratch: Scratch,
-) -> None:
-    """Predict the reading of an event and its Jacobians in the rate and in the state.
-
-    The Jacobian in the state includes the path through the rate, whose Jacobian is ``slopes`` (10, n)."""
+def measurement(event: int, filtered: FilterRun) -> None:
+    """Predict the reading of an event and its Jacobians in the rate and in the state, the latter with the
+    path through the rate."""
+    given, estimate, step, expected, _, scratch, _, _, _, _ = filtered
+    events, model = given.events, given.model
+    kind, elapsed, state = events.kinds[event], events.elapsed[event], estimate.state
     sensor, parameters, pole_s = model.sensor, model.parameters, model.hold[POLE]
     rate, predicted, rows, by_rate = expected.rate, expected.reading, expected.rows, expected.by_rate
     reading(kind, state, rate, sensor, parameters, pole_s, elapsed, predicted)
@@ -150,7 +138,7 @@ def measurement(
             by_rate[c, j] = x
             if x != 0.0:
                 for i in range(state.shape[0]):
-                    rows[c, i] += x * slopes[j, i]
+                    rows[c, i] += x * step.slopes[j, i]
     for j in STATES_READ[kind]:
         if j < 0:
             break

@@ -225,10 +225,9 @@ def _times(matrix: Array, right: Array, product: Array, lower: bool) -> None:
 
 
 @inner_kernel
-def covariance_step(h: float, p: Array, step: StepBuffers) -> None:
+def covariance_step(h: float, p: Array, slopes: Array, matrix: Array, q: Array, work: Array) -> None:
     """P <- F P F' + L Q L', in place; through L half a step of the noise acts on the driven states."""
     n = p.shape[0]
-    matrix, q, slopes, work = step.matrix, step.q, step.slopes, step.work
     for lower in (False, True):  # one call: with constants, the product would be compiled twice
         _times(matrix, p, work, lower)
         for i in range(n):
