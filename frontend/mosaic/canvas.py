@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.mosaic.extent import native_gsd_m, offered_extents
 from frontend.mosaic.view import Lattice, MosaicView
 
 Array = NDArray[np.float64]
@@ -116,18 +117,18 @@ class MosaicGrid:
 
 def grid_over(
     views: Sequence[MosaicView], gsd_m: float | None, max_pixels: int, unit: str = "m"
-) -> tuple[MosaicGrid, str]:
-    """Return the grid that contains all views, and a note about its resolution.
+) -> tuple[MosaicGrid, Array, str]:
+    """Return the grid that contains all views, its extent (4,) in metres, and a note about its resolution.
 
-    If ``gsd_m`` is None, the resolution is the median of the pictures', coarser if the mosaic would exceed
+    If ``gsd_m`` is None, the resolution is that of the pictures, coarser if the mosaic would exceed
     ``max_pixels``. It is rounded to two digits, so that one more picture rarely changes it. ``unit`` is the
-    name of the unit of length in the texts.
+    name of the unit of length in the texts. A grid that would exceed ``max_pixels`` goes first without ground
+    that pictures show coarsely: `frontend.mosaic.extent`.
 
     Raises ``MosaicError`` if the given ``gsd_m`` needs more than ``MAX_PIXELS``.
     """
-    bounds = np.array([v.bounds_m for v in views])
-    extent = np.concatenate([bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)])
     if gsd_m is not None:
+        canvas, extent = _largest(offered_extents(views, gsd_m), gsd_m, max_pixels)
         size_m = extent[2:] - extent[:2]
         if (pixels := float(np.prod(size_m)) / gsd_m**2) > MAX_PIXELS:
             raise MosaicError(
@@ -135,22 +136,32 @@ def grid_over(
                 f"{size_m[1]:.3g} {unit}; choose {gsd_m * np.sqrt(pixels / MAX_PIXELS):.2g} {unit}/pixel or "
                 "coarser"
             )
-        return _canvas(extent, gsd_m), ""
-    native = _two_digits(float(np.median([v.gsd_m for v in views])))
-    canvas = _canvas(extent, native)
+        return canvas, extent, ""
+    native = _two_digits(native_gsd_m(views))
     budget = max(max_pixels, MIN_BUDGET_PX)
+    extents = offered_extents(views, native)
+    canvas, extent = _largest(extents, native, budget)
     while (excess := canvas.width * canvas.height / budget) > 1:
         coarser = _two_digits(canvas.gsd_m * float(np.sqrt(excess)))
         if coarser <= canvas.gsd_m:
             coarser = _two_digits(1.1 * canvas.gsd_m)
-        canvas = _canvas(extent, coarser)
+        canvas, extent = _largest(extents, coarser, budget)
     note = ""
     if canvas.gsd_m != native:
         note = (
             f"the pictures have {native:.3g} {unit}/pixel; the mosaic has {canvas.gsd_m:.3g} {unit}/pixel to "
             f"stay below {max_pixels / 1e6:.0f} megapixels"
         )
-    return canvas, note
+    return canvas, extent, note
+
+
+def _largest(extents: Sequence[Array], gsd_m: float, max_pixels: float) -> tuple[MosaicGrid, Array]:
+    """Return the grid and the bounds (4,) of the first extent within a number of pixels, or of the last."""
+    for extent in extents:
+        canvas = _canvas(extent, gsd_m)
+        if canvas.width * canvas.height <= max_pixels:
+            break
+    return canvas, extent
 
 
 def _canvas(extent_m: Array, gsd_m: float) -> MosaicGrid:

@@ -9,7 +9,7 @@ better than those kept before. The work then depends on the area, not on the len
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import networkx as nx
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.mosaic.canvas import CELL_PX, MosaicError, MosaicGrid, SquareGrid, grid_over
+from frontend.mosaic.extent import CANVAS_RATIO, intersection, share_within, union
 from frontend.mosaic.surface import Surface, ground_maps, ground_seen
 from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, visible
 
@@ -32,8 +33,8 @@ MIN_NEEDED_SHARE = 0.02
 """Smallest share of the cells it sees for which a kept picture must be needed."""
 HIDDEN = np.float32(1e-6)
 """Factor on the weight of ground that is hidden, so that what no picture sees still has an owner."""
-CANVAS_RATIO = 4.0
-"""Largest ratio of the canvas to the area of its groups. Distant groups that exceed it are left out."""
+TOO_FAR = "so far away that it would take too many of the mosaic's pixels"
+"""Why ground is not drawn that a picture shows beyond the extent of the mosaic."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +52,23 @@ class MosaicPlan(MosaicGrid):
     """Number of usable pictures that are not needed."""
     left_out: dict[int, str] = field(default_factory=dict)
     """Pose number -> why its picture cannot be used."""
+    beyond: Mapping[int, float] = field(default_factory=dict)
+    """Pose number -> share of the ground in its picture that lies beyond the extent of the mosaic."""
     note: str = ""
     """One sentence about a choice made for the user; empty if there was none."""
     surface: Surface | None = None
     """Ground that is not flat; None for the floor alone."""
     bounds_m: Mapping[int, Array] = field(default_factory=dict)
-    """Pose number -> bounds (4,) of the ground in its picture, where that is not the floor."""
+    """Pose number -> bounds (4,) of the ground in its picture, where that is not all of the floor in it."""
+
+    def all_views(self, w_T_b: Array) -> tuple[MosaicView, ...]:
+        """Return the views of all pictures at poses (n, 4, 4) that can be used, needed or not."""
+        views = (
+            mosaic_view(self.camera, k, pose, self.floor_z_m, self.bounds_m.get(k))
+            for k, pose in enumerate(np.asarray(w_T_b, dtype=float))
+            if k not in self.left_out
+        )
+        return tuple(view for view in views if isinstance(view, MosaicView))
 
     def pixels(self, view: MosaicView, lattice: Lattice) -> tuple[Float32, Float32, Mask]:
         """Return the pixel (u, v) of the ground at each node, and whether the picture sees it."""
@@ -94,8 +106,9 @@ def plan_mosaic(
     With a ``surface``, pictures in which higher ground hides a cell do not become its owner. ``bounds_m`` are
     those of the ground in each picture by the number of its pose; the default is those of the floor.
 
-    ``gsd_m`` is the ground sample distance in m/pixel. If it is None, it is the median of the pictures', made
-    coarser until the mosaic has at most ``max_pixels``. ``leave_out`` maps pose numbers of pictures that must
+    ``gsd_m`` is the ground sample distance in m/pixel. If it is None, it is the median of the pictures' that
+    look down, made coarser until the mosaic has at most ``max_pixels``. Far ground of tilted pictures is left
+    out first: `frontend.mosaic.extent`. ``leave_out`` maps pose numbers of pictures that must
     not be used to the reasons. ``unit`` is the name of the unit of length in the texts.
 
     Raises ``MosaicError`` if no picture sees the floor or the given ``gsd_m`` needs too many pixels.
@@ -115,13 +128,28 @@ def plan_mosaic(
     if not views:
         reasons = ", ".join(sorted(set(left_out.values()))) or "there are none"
         raise MosaicError(f"no picture can be put into a mosaic: {reasons}")
-    canvas, note = grid_over(views, gsd_m, max_pixels, unit)
+    canvas, extent, note = grid_over(views, gsd_m, max_pixels, unit)
+    views, beyond = _within(views, extent)
+    left_out |= {k: f"all ground that it shows is {TOO_FAR}" for k in beyond.keys() - {v.k for v in views}}
+    of_ground |= {view.k: view.bounds_m for view in views if view.k in beyond}
     kept, owner = _owners(camera, views, canvas, surface)
     return MosaicPlan(
         **vars(canvas), camera=camera, views=kept, owner=owner, redundant=len(views) - len(kept),
-        left_out=left_out, note=note, floor_z_m=floor_z_m, surface=surface,
+        left_out=left_out, beyond=beyond, note=note, floor_z_m=floor_z_m, surface=surface,
         bounds_m=of_ground,
     )  # fmt: skip
+
+
+def _within(views: list[MosaicView], extent_m: Array) -> tuple[list[MosaicView], dict[int, float]]:
+    """Return the views of ground within an extent (4,), and the shares of ground beyond it by pose number."""
+    within, beyond = list[MosaicView](), dict[int, float]()
+    for view in views:
+        bounds = intersection(view.bounds_m, extent_m)
+        if not np.array_equal(bounds, view.bounds_m):
+            beyond[view.k] = 1.0 - share_within(view, extent_m)
+        if beyond.get(view.k, 0.0) < 1.0:
+            within.append(replace(view, bounds_m=bounds))
+    return within, beyond
 
 
 def _weights(
@@ -202,8 +230,8 @@ def _without_distant_groups(views: list[MosaicView]) -> tuple[list[MosaicView], 
     canvas, parts = np.array([np.inf, np.inf, -np.inf, -np.inf]), 0.0
     included: set[int] = set()
     for g in np.argsort(-np.bincount(of), kind="stable"):
-        box = _union(bounds[of == g])
-        grown, area = _union(np.array([canvas, box])), _area(box)
+        box = union(bounds[of == g])
+        grown, area = union(np.array([canvas, box])), _area(box)
         if not included or _area(grown) <= CANVAS_RATIO * (parts + area):
             canvas, parts = grown, parts + area
             included.add(int(g))
@@ -212,10 +240,6 @@ def _without_distant_groups(views: list[MosaicView]) -> tuple[list[MosaicView], 
         [v for v, g in zip(views, of, strict=True) if int(g) in included],
         {v.k: reason for v, g in zip(views, of, strict=True) if int(g) not in included},
     )
-
-
-def _union(bounds: Array) -> Array:
-    return np.concatenate([bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)])
 
 
 def _area(bounds: Array) -> float:

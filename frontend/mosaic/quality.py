@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from frontend.mosaic.canvas import CELL_PX
 from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.plan import MosaicPlan
-from frontend.mosaic.view import Lattice, MosaicView, mosaic_view
+from frontend.mosaic.view import Lattice, MosaicView
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -47,13 +47,9 @@ def mosaic_quality(
     """
     empty = plan.owner < 0
     pictures, std = np.zeros(plan.owner.shape, np.float32), np.full(plan.owner.shape, np.nan, np.float32)
-    for k, pose in enumerate(np.asarray(w_T_b, dtype=float)):
-        if k in plan.left_out:
-            continue
-        view = mosaic_view(plan.camera, k, pose, plan.floor_z_m, plan.bounds_m.get(k))
-        if isinstance(view, MosaicView):
-            where, lattice = plan.cells_under(view)
-            pictures[where] += _inside(plan, view, lattice)
+    for view in plan.all_views(w_T_b):
+        where, lattice = plan.cells_under(view)
+        pictures[where] += _inside(plan, view, lattice)
     for index, view in enumerate(plan.views):
         where, lattice = plan.cells_under(view)
         own = plan.owner[where] == index

@@ -38,6 +38,8 @@ class MosaicView:
     """Height of the camera above the floor."""
     bounds_m: Array
     """(4,) west, south, east and north bounds of the visible ground."""
+    outline_m: Array
+    """(n, 2) border of the visible floor, point by point around it."""
     gsd_m: float
     """Ground sample distance in the centre of the picture."""
     max_off_axis_cos: float
@@ -49,6 +51,17 @@ class MosaicView:
         Beyond its largest angle, the polynomial of a lens may turn back and show the picture again.
         """
         return np.asarray(depth > distance * np.float32(self.max_off_axis_cos - 1e-6))
+
+    @property
+    def nadir_gsd_m(self) -> float:
+        """Ground sample distance that the picture would have if it looked straight down."""
+        return float(np.sqrt(self.height_m**3 / abs(np.linalg.det(self.pixel_H_floor))))
+
+    def outline_within(self, gsd_m: float) -> Array:
+        """Return the border (n, 2) of the floor that has at most this ground sample distance."""
+        # It is sqrt(depth^3 / det H), as in `visible`, and the depth is linear on the floor.
+        depth_m = np.cbrt(gsd_m**2 * abs(np.linalg.det(self.pixel_H_floor)))
+        return clipped(self.outline_m, np.array([0.0, 0.0, depth_m]) - self.pixel_H_floor[2])
 
 
 @dataclass(frozen=True)
@@ -89,16 +102,39 @@ def mosaic_view(
     edge = w_T_c[:2, 3] + direction[:, :2] / np.maximum(level, 1e-12)[:, None] * reach[:, None]
     depth = height / -w_T_c[2, 2]
     gsd = float(np.sqrt(depth**3 / abs(np.linalg.det(pixel_H_floor))))
-    bounds: Array = np.concatenate([edge.min(axis=0), edge.max(axis=0)]) if bounds_m is None else bounds_m
+    bounds = bounds_of(edge) if bounds_m is None else bounds_m
     return MosaicView(
         k=k,
         pixel_H_floor=np.asarray(pixel_H_floor, float),
         w_p_c_m=w_T_c[:3, 3],
         height_m=height,
         bounds_m=bounds,
+        outline_m=edge,
         gsd_m=gsd,
         max_off_axis_cos=float(off_axis_cos.min()),
     )
+
+
+def bounds_of(outline_m: Array) -> Array:
+    """Return the bounds (4,) of points (n, 2)."""
+    return np.concatenate([outline_m.min(axis=0), outline_m.max(axis=0)])
+
+
+def clipped(outline: Array, line: Array) -> Array:
+    """Return the part (m, 2) of a convex polygon (n, 2) where a x + b y + c >= 0, for ``line`` (a, b, c).
+
+    A polygon that lies there as a whole is returned itself. Source: Sutherland and Hodgman 1974, Reentrant
+    polygon clipping.
+    """
+    side = outline @ line[:2] + line[2]
+    if (side >= 0).all():
+        return outline
+    following, side_there = np.roll(outline, -1, axis=0), np.roll(side, -1)
+    crosses = (side >= 0) != (side_there >= 0)
+    share = np.divide(side, side - side_there, out=np.zeros_like(side), where=crosses)
+    crossing = outline + share[:, None] * (following - outline)
+    points = np.stack([outline, crossing], axis=1).reshape(-1, 2)
+    return np.asarray(points[np.stack([side >= 0, crosses], axis=1).ravel()])
 
 
 def _border(camera: Camera) -> Array:

@@ -84,6 +84,7 @@ def write_results(
         estimate = replace(
             estimate,
             not_drawn=made.not_drawn if made else {},
+            partly_drawn=made.partly_drawn if made else {},
             ground=made.ground.facts if made else None,
         )
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
@@ -206,6 +207,9 @@ def _write_mosaics(
     notes = [
         f"mosaic: {counted(len(of), 'keyframe')} left out: {why} ({listed(of)})" for why, of in names.items()
     ]
+    if made.partly_drawn:
+        of = [f"{name}: {what}" for name, what in made.partly_drawn.items()]
+        notes.append(Note(f"mosaic: {counted(len(of), 'keyframe')} drawn in part ({listed(of)})"))
     if made.note:
         notes.append(Note(f"mosaic: {made.note}"))
     notes += _ground_messages(made.ground.facts, estimate.metric)

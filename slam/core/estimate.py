@@ -167,6 +167,8 @@ class Estimate:
     """Name of each keyframe without a pose -> reason; of photographs also those that are no keyframe."""
     not_drawn: dict[str, str] = field(default_factory=dict)
     """Name of each keyframe that the mosaic does not show -> reason."""
+    partly_drawn: dict[str, str] = field(default_factory=dict)
+    """Name of each keyframe of which the mosaic lacks ground -> how much of it, and why."""
     timing_s: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     graph_error: float = float("nan")

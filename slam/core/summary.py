@@ -40,6 +40,8 @@ class Summary:
     """Name of each picture that should have a pose and has none -> reason."""
     not_drawn: dict[str, str] = field(default_factory=dict)
     """Name of each keyframe that the mosaic does not show -> reason."""
+    partly_drawn: dict[str, str] = field(default_factory=dict)
+    """Name of each keyframe of which the mosaic lacks ground -> how much of it, and why."""
     landmarks: int = 0
     """Number of surveyed points of the flight."""
     timing_s: dict[str, float] = field(default_factory=dict)
@@ -86,7 +88,10 @@ class Summary:
             "warnings": list(self.warnings),
             "notes": list(by_kind(self.warnings).notes),
         }
-        for name, pictures in (("not_placed", self.not_placed), ("not_drawn", self.not_drawn)):
+        of_pictures = {
+            "not_placed": self.not_placed, "not_drawn": self.not_drawn, "partly_drawn": self.partly_drawn,
+        }  # fmt: skip
+        for name, pictures in of_pictures.items():
             if pictures:
                 record[name] = dict(pictures)
         if self.error is not None:
@@ -128,6 +133,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         rejected={reason: int(count) for reason, count in estimate.rejected.items()},
         not_placed=estimate.not_placed,
         not_drawn=estimate.not_drawn,
+        partly_drawn=estimate.partly_drawn,
         landmarks=landmarks,
         timing_s={stage: float(seconds) for stage, seconds in estimate.timing_s.items()},
         peak_rss_mb=peak_rss_mb(),

@@ -9,6 +9,7 @@ from backend.wording import counted, either
 from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind
+from slam.core.names import listed
 from slam.core.units import area, axis_names, percent, unit
 from slam.report.answers.streams import STREAM_WORDS, doubts, is_tilt_doubted
 from slam.report.coordinates import at
@@ -46,7 +47,7 @@ def missing(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFa
     if mosaic is not None and mosaic.holes:
         told.append(_holes(estimate, mosaic))
     if told:
-        return f"Yes: {'; '.join(told)}.{_edge(mosaic)}{_without_height(estimate, mosaic)}"
+        return f"Yes: {'; '.join(told)}.{_edge(mosaic)}{_beyond(estimate)}{_without_height(estimate, mosaic)}"
     if facts.is_graph:
         return f"No: all {facts.keyframes} poses lie on one map."
     stretch = (
@@ -57,8 +58,18 @@ def missing(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFa
     whole = ", and the mosaic has no hole" if mosaic is not None else ""
     return (
         f"No: all {facts.keyframes} {thing} lie on one map, {'and ' if not whole else ''}{stretch}{whole}."
-        f"{_edge(mosaic)}{_without_height(estimate, mosaic)}"
+        f"{_edge(mosaic)}{_beyond(estimate)}{_without_height(estimate, mosaic)}"
     )
+
+
+def _beyond(estimate: Estimate) -> str:
+    """Return which keyframes show ground beyond the mosaic, in a sentence with a space in front."""
+    if not estimate.partly_drawn:
+        return ""
+    count = len(estimate.partly_drawn)
+    of = [f"{_keyframes(estimate, [name])}: {what}" for name, what in estimate.partly_drawn.items()]
+    show = f"{counted(count, 'keyframe')} {either(count, 'shows', 'show')} more ground than the mosaic"
+    return f" On purpose, {show} ({listed(of)})."
 
 
 def _stretches(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> list[str]:

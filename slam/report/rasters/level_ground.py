@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
-from frontend.mosaic.view import MosaicView, mosaic_view
 from slam.core.estimate import Estimate
 from slam.report.rasters.pits import doubted_pits
 from slam.report.rasters.surface import MeasuredGround, OverPlane, height_stds
@@ -71,12 +70,8 @@ def levelled(ground: MeasuredGround, plan: MosaicPlan, estimate: Estimate) -> Me
 def level_bounds(plan: MosaicPlan, estimate: Estimate) -> dict[int, Array]:
     """Return the bounds (4,) in the level world of the ground in each picture, by the number of its pose."""
     w_R_f = _w_R_f(estimate)
-    views = (
-        mosaic_view(plan.camera, k, pose, estimate.floor_z_m)
-        for k, pose in enumerate(estimate.over_floor_T_b)
-        if k not in plan.left_out
-    )
-    boxes = {view.k: _box(view.bounds_m) @ w_R_f[:2, :2].T for view in views if isinstance(view, MosaicView)}
+    views = plan.all_views(estimate.over_floor_T_b)
+    boxes = {view.k: _box(view.bounds_m) @ w_R_f[:2, :2].T for view in views}
     return {k: np.concatenate([box.min(axis=0), box.max(axis=0)]) for k, box in boxes.items()}
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from frontend.mosaic.canvas import MosaicError, Tile
 from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.pictures import Pictures
-from frontend.mosaic.plan import MosaicPlan, plan_mosaic
+from frontend.mosaic.plan import TOO_FAR, MosaicPlan, plan_mosaic
 from frontend.mosaic.render import measure_exposure, render_tiles
 from frontend.surface.misregistration import measure_misregistration
 from frontend.views import Load
@@ -26,7 +26,7 @@ from slam.core.flight import Flight, Image
 from slam.core.geodesy import GeoOrigin
 from slam.core.lost_pictures import REDUNDANT
 from slam.core.progress import Progress, silent
-from slam.core.units import unit
+from slam.core.units import percent, unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
 from slam.report.rasters.level_ground import is_level, levelled
 from slam.report.rasters.look_elsewhere import looking_elsewhere
@@ -65,6 +65,8 @@ class MosaicFiles:
     """Reason -> number of keyframes that could not be used."""
     not_drawn: dict[str, str]
     """Name of each keyframe that the mosaic does not show -> reason, ``REDUNDANT`` among them."""
+    partly_drawn: dict[str, str]
+    """Name of each keyframe of which the mosaic lacks ground -> how much of it, and why."""
     seam_before: float
     """Brightness difference (rms share) between pictures of one point, as read; NaN without overlap."""
     seam_after: float
@@ -121,6 +123,7 @@ def write_mosaic(
         redundant=plan.redundant,
         left_out=dict(Counter(plan.left_out.values())),
         not_drawn=_not_drawn(estimate, plan),
+        partly_drawn=_partly_drawn(estimate, plan),
         seam_before=made.exposure.seam_before,
         seam_after=made.exposure.seam_after,
         note=plan.note,
@@ -142,6 +145,15 @@ def _not_drawn(estimate: Estimate, plan: MosaicPlan) -> dict[str, str]:
     drawn = {view.k for view in plan.views}
     return {
         name: plan.left_out.get(k, REDUNDANT) for k, name in enumerate(estimate.frame_names) if k not in drawn
+    }
+
+
+def _partly_drawn(estimate: Estimate, plan: MosaicPlan) -> dict[str, str]:
+    """Return what is said of the ground beyond the mosaic; less than half a percent is not told."""
+    return {
+        estimate.frame_names[k]: f"{percent(share)} of its ground is {TOO_FAR}"
+        for k, share in plan.beyond.items()
+        if k not in plan.left_out and share >= 0.005
     }
 
 
@@ -231,9 +243,7 @@ def _over_ground(made: _Planned, estimate: Estimate) -> tuple[_Planned, Measured
     The third result is the poses (n, 4, 4) over the plan.
     """
     plan, over_floor = made.plan, estimate.over_floor_T_b
-    ground = measure_ground(
-        plan, made.pictures, made.load, over_floor, estimate.floor_z_m, estimate.elevation, made.progress
-    )
+    ground = measure_ground(plan, made.pictures, made.load, over_floor, estimate.elevation, made.progress)
     if not is_level(estimate, plan, ground):
         level = levelled(ground, plan, estimate)
         return *_planned_over(made, level, estimate, estimate.w_T_b), estimate.w_T_b
@@ -246,7 +256,7 @@ def _planned_over(
     made: _Planned, ground: MeasuredGround, estimate: Estimate, poses: Array
 ) -> tuple[_Planned, MeasuredGround]:
     """Plan the mosaic again over the surface of the ground."""
-    plan, surface, bounds_m, lowest_m = made.plan, ground.surface, None, 0.0
+    plan, surface, bounds_m, lowest_m = made.plan, ground.surface, made.plan.bounds_m, 0.0
     assert surface is not None
     if ground.over_plane is not None:
         # Cameras over the foot of a hillside may be below the floor, whose height is that at the origin.
@@ -255,7 +265,7 @@ def _planned_over(
         plan.camera, poses, estimate.floor_z_m + lowest_m, plan.gsd_m, MAX_MOSAIC_PIXELS, plan.left_out,
         unit(estimate.metric), replace(surface, height_m=surface.height_m - np.float32(lowest_m)), bounds_m,
     )  # fmt: skip
-    over = replace(over, note=plan.note)
+    over = replace(over, note=plan.note, beyond=plan.beyond)
     pictures = Pictures(over, made.load, CACHE_MB)
     exposure = measure_exposure(over, pictures, made.progress)
     ground = replace(

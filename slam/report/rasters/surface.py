@@ -14,7 +14,6 @@ from frontend.mosaic.canvas import CELL_PX
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
-from frontend.mosaic.view import MosaicView, mosaic_view
 from frontend.surface.build import build_surface
 from frontend.surface.misregistration import Misregistration, measure_misregistration, seen_by_two
 from frontend.surface.relief import relief_squares
@@ -134,7 +133,7 @@ def without_unseen(surface: Surface, plan: MosaicPlan) -> Surface:
 
 
 def measure_ground(
-    plan: MosaicPlan, pictures: Pictures, load: Load, w_T_b: Array, floor_z_m: float,
+    plan: MosaicPlan, pictures: Pictures, load: Load, w_T_b: Array,
     elevation: Elevation | None, progress: Progress,
 ) -> MeasuredGround:  # fmt: skip
     """Compare the pictures of a mosaic over the floor, and measure the surface where it is not flat.
@@ -145,10 +144,7 @@ def measure_ground(
     relief = relief_squares(over_floor)
     if not relief.any():
         return MeasuredGround(over_floor, None)
-    views = (
-        mosaic_view(plan.camera, k, pose, floor_z_m) for k, pose in enumerate(w_T_b) if k not in plan.left_out
-    )
-    all_views = replace(plan, views=tuple(view for view in views if isinstance(view, MosaicView)))
+    all_views = replace(plan, views=plan.all_views(w_T_b))
     matched = Pictures(all_views, load, pictures.max_mb)
     # Where the mosaic needs one picture alone, others may show the ground as well: none was compared there.
     seen = seen_by_two(all_views)

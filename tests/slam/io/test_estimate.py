@@ -50,6 +50,7 @@ def full_estimate(seed=0, count=20) -> Estimate:
         rejected={"blurred": 3},
         not_placed={"a.jpg": "too few features"},
         not_drawn={"b.jpg": "black or blown out"},
+        partly_drawn={"c.jpg": "40 % of its ground is far away"},
         timing_s={"solve": 0.1},
         warnings=("one", "two"),
         iterations=9,

@@ -82,6 +82,22 @@ def test_a_keyframe_that_the_mosaic_does_not_show_is_named_with_the_reason():
     assert f"1 keyframe is not in the mosaic (keyframe 18, {name}: it borders a gap)" in told
 
 
+def test_far_ground_that_the_mosaic_lacks_is_told_by_keyframe():
+    estimate = made_estimate()
+    cut = {name: "40 % of its ground is far away" for name in estimate.frame_names[:7]}
+    one = replace(estimate, partly_drawn=dict([*cut.items()][:1]))
+    question = "Is any of the ground missing?"
+    assert (
+        "On purpose, 1 keyframe shows more ground than the mosaic (keyframe 0"
+        in (answers(one, made_flight())[question])
+    )
+    told = answers(replace(estimate, partly_drawn=cut), made_flight())[question]
+    assert "On purpose, 7 keyframes show more ground than the mosaic" in told
+    assert "and 2 more)" in told
+    assert "On purpose" not in answers(estimate, made_flight())[question]
+    assert summarise(one).to_json()["partly_drawn"] == one.partly_drawn
+
+
 def test_pictures_that_show_too_little_are_missing_ground():
     """All keyframes may have a place although a sixth of the pictures shows none."""
     estimate, flight = made_estimate(), made_flight()

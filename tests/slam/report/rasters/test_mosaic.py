@@ -12,11 +12,12 @@ import pytest
 import rasterio
 
 import slam.report.rasters.mosaic
+from frontend.mosaic.plan import plan_mosaic
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, over_floor
 from slam.core.flight import Flight, Frames, GeoOrigin
 from slam.report.rasters.mosaic import write_chain_picture, write_mosaic
-from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, smooth_floor, survey
+from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, pose, smooth_floor, survey
 
 COARSE_M = 0.03
 """Metres a pixel where a test asks for no detail of the ground."""
@@ -212,3 +213,24 @@ def test_same_input_gives_the_same_files(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     a, b = (write_mosaic(estimate, flight, tmp_path / n, COARSE_M) for n in "ab")
     assert cv2.imread(str(a.png), cv2.IMREAD_UNCHANGED).tobytes() == cv2.imread(str(b.png), -1).tobytes()
+
+
+@pytest.mark.usefixtures("no_quality_picture")
+@pytest.mark.parametrize("slope_rad", [0.0, pytest.param(0.1, marks=pytest.mark.slow)])
+def test_far_ground_of_a_tilted_picture_does_not_coarsen_the_mosaic(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, slope_rad: float
+) -> None:
+    estimate, flight, frames = scene()
+    frames[1] = photograph(smooth_floor(1), CAMERA, far := pose(1.2, 0.5, 2.0, 0.3, -0.9), 1)
+    poses = estimate.w_T_b.copy()
+    poses[0] = far
+    estimate = dataclasses.replace(estimate, w_T_b=poses, floor_slope_rad=(slope_rad, 0.0))
+    whole = plan_mosaic(CAMERA, estimate.over_floor_T_b, FLOOR_Z_M, COARSE_M)
+    monkeypatch.setattr(slam.report.rasters.mosaic, "MAX_MOSAIC_PIXELS", whole.width * whole.height * 2 // 3)
+    files = write_mosaic(estimate, flight, tmp_path, COARSE_M)
+    ((name, told),) = files.partly_drawn.items()
+    assert name == "1.png"
+    assert told.endswith("of its ground is so far away that it would take too many of the mosaic's pixels")
+    assert files.gsd_m == whole.gsd_m
+    assert files.width * files.height < 0.9 * whole.width * whole.height
+    assert (files.ground.surface is not None) == (slope_rad > 0)
