@@ -140,11 +140,10 @@ class Run:
         gusty = any(p.hold[GUST_STD] > 0 for p in (parameters, *changed))
         n = STATES_WITH_GUSTS if gusty else STATES
         m = len(perturbations)
-        variance = (record.noise_std * parameters.noise_factor) ** 2
         coloured, events = ar1_noise_for(record, parameters, n, m, changed), len(record.times_s)
         self._record = record
         self._filtered = FilterRun(
-            filter_inputs(record, parameters, perturbations, signals or {}, variance, n),
+            filter_inputs(record, parameters, perturbations, signals or {}, n),
             initial_state(record, parameters, n, m),
             *workspace_for(n, m),
             outputs_for(events),

@@ -111,12 +111,12 @@ def perturbation_arrays(
     """Return the perturbations of one flight as arrays, with the commands of all their variants."""
     m = len(perturbations)
     variants: list[tuple[float, float]] = [(parameters.latency_s, parameters.drift)]
-    names = sorted({d.signal for d in perturbations if d.signal})
+    names, steps = sorted({d.signal for d in perturbations if d.signal}), len(record.steps[1])
     table = PerturbationArrays(
         np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64),
         np.tile(parameters.dynamics, (m, 1)), np.tile(parameters.sensor, (m, 1)),
         np.full(m, -1, dtype=np.int64), np.zeros(m, dtype=np.int64),
-        np.array([signals[name][0] for name in names]).reshape(len(names), len(record.step_s)),
+        np.array([signals[name][0] for name in names]).reshape(len(names), steps),
         np.array([signals[name][1] for name in names]).reshape(len(names), len(record.times_s)),
         np.array([1.0 / (d.step if d.unit is None else d.unit) for d in perturbations]),
     )  # fmt: skip
@@ -144,7 +144,8 @@ def _command(
     record: Record, parameters: FilterParameters, variants: Sequence[tuple[float, float]]
 ) -> CommandArrays:
     """Return the commands of each variant, which is a latency and a clock's drift, on the vehicle's clock."""
-    begin_s, end_s, stick = record.step_begin_s, record.step_begin_s + record.step_s, record.stick
+    _, begin_s, length_s = record.steps
+    end_s, stick = begin_s + length_s, record.stick
     over_steps = [stick.mean(begin_s / (1 + fast), end_s / (1 + fast), late_s) for late_s, fast in variants]
     at_events = [stick.at(record.times_s / (1 + fast), late_s) for late_s, fast in variants]
     ends = [stick.at(at_s / (1 + parameters.drift), parameters.latency_s) for at_s in (begin_s, end_s)]
@@ -188,14 +189,14 @@ def filter_inputs(
     parameters: FilterParameters,
     perturbations: Sequence[Perturbation],
     signals: dict[str, Signal],
-    variance: Array,
     states: int,
 ) -> arrays.KalmanInputs:
-    """Return the kernels' inputs; ``variance`` (channels,) is that of one reading."""
+    """Return the kernels' inputs."""
+    variance = (record.noise_std * parameters.noise_factor) ** 2
+    first_step, _, step_s = record.steps
     events = arrays.EventArrays(
-        record.times_s, record.kinds, record.values, record.elapsed, record.landing, record.first_step,
-        record.step_s,
-    )  # fmt: skip
+        record.times_s, record.kinds, record.values, record.elapsed, record.landing, first_step, step_s
+    )
     table, command = perturbation_arrays(record, parameters, perturbations, signals)
     model = arrays.ModelArrays(
         parameters.dynamics, parameters.sensor, parameters.hold, variance, record.range_limits,

@@ -33,7 +33,6 @@ from slam.simulation.stick import Stick, stick_of
 if TYPE_CHECKING:
     from slam.data_quality.pictures.feature_matches import FeatureMatches
 
-
 LONGEST_STEP_S = 0.005
 """Longest step of the filter between two events: a tenth of the vehicle's fastest lag."""
 HIGH_UP_M = 20.0
@@ -73,23 +72,14 @@ class Record:
     """Feature matches between its pictures."""
 
     @cached_property
-    def _steps(self) -> tuple[Ints, Array, Array]:
-        return steps_between(self.times_s)
-
-    @property
-    def first_step(self) -> Ints:
-        """(events + 1,) event e is reached by steps first_step[e] to first_step[e + 1]."""
-        return self._steps[0]
-
-    @property
-    def step_begin_s(self) -> Array:
-        """(steps,)."""
-        return self._steps[1]
-
-    @property
-    def step_s(self) -> Array:
-        """(steps,) lengths."""
-        return self._steps[2]
+    def steps(self) -> tuple[Ints, Array, Array]:
+        """The filter's steps: (events + 1,) the first that leads to each event; (steps,) begins, lengths."""
+        gaps = np.diff(self.times_s, prepend=self.times_s[0])
+        counts = np.ceil(gaps / LONGEST_STEP_S - 1e-9).astype(np.int64)
+        first = np.concatenate([[0], np.cumsum(counts)])
+        length_s = np.repeat(gaps / np.maximum(counts, 1), counts)
+        within = np.arange(len(length_s)) - np.repeat(first[:-1], counts)
+        return first, np.repeat(self.times_s - gaps, counts) + within * length_s, length_s
 
     @property
     def shows_heading(self) -> bool:
@@ -141,19 +131,11 @@ def record_of(flight: Flight) -> Record:
     std = dict.fromkeys(INSTRUMENTS, np.ones(1)) | {s.name: s.noise_std for s in streams_of(flight)}
     limits = (flight.sonar.min_range_m, flight.sonar.max_range_m) if flight.sonar else (0.0, np.inf)
     return Record(
-        name=flight.name,
-        times_s=times,
-        kinds=kinds,
-        values=values,
-        elapsed=np.clip(times / times[-1], 0.0, 1.0),
-        stick=stick,
-        noise_std=np.maximum(by_channel(*std.values()), 1e-6),
-        range_limits=np.array(limits, dtype=float),
-        start=start,
-        start_std=start_std,
-        landing=np.zeros(len(times), dtype=bool),
-        usual_log_variance=np.zeros(len(CHANNELS)),
-    )
+        name=flight.name, times_s=times, kinds=kinds, values=values, stick=stick, start=start,
+        start_std=start_std, elapsed=np.clip(times / times[-1], 0.0, 1.0),
+        noise_std=np.maximum(by_channel(*std.values()), 1e-6), range_limits=np.array(limits, dtype=float),
+        landing=np.zeros(len(times), dtype=bool), usual_log_variance=np.zeros(len(CHANNELS)),
+    )  # fmt: skip
 
 
 def any_holds_heading(records: Sequence[Record]) -> bool:
@@ -184,16 +166,6 @@ def _streams(flight: Flight) -> list[tuple[int, Array, Array]]:
 
 def _finite(values: Array) -> Array:
     return np.where(np.isfinite(values), values, np.nan)
-
-
-def steps_between(times: Array) -> tuple[Ints, Array, Array]:
-    """Return the steps between events at ``times`` (events,): first of each event, beginnings, lengths."""
-    gaps = np.diff(times, prepend=times[0])
-    counts = np.ceil(gaps / LONGEST_STEP_S - 1e-9).astype(np.int64)
-    first_step = np.concatenate([[0], np.cumsum(counts)])
-    length = np.repeat(gaps / np.maximum(counts, 1), counts)
-    within = np.arange(len(length)) - np.repeat(first_step[:-1], counts)
-    return first_step, np.repeat(times - gaps, counts) + within * length, length
 
 
 def in_order(record: Record, times_s: Array, kinds: Ints, values: Array, landing: Mask) -> Record:
@@ -238,8 +210,7 @@ def _start(kinds: Ints, values: Array) -> tuple[Array, Array]:
         start[Z] = np.median(some)
         std[Z] = HEIGHT_STD_M + 1.5 * np.median(np.abs(some - start[Z]))
     if (k := np.flatnonzero(kinds == VELOCITY)).size:
-        heading = start[YAW]
         u, w = np.nan_to_num(values[k[0], :2])
-        start[VX] = np.cos(heading) * u - np.sin(heading) * w
-        start[VY] = np.sin(heading) * u + np.cos(heading) * w
+        c, s = np.cos(start[YAW]), np.sin(start[YAW])
+        start[VX], start[VY] = c * u - s * w, s * u + c * w
     return start, std

@@ -76,7 +76,9 @@ class Effect:
         """The effect as tried about parameters that include it: a value of a grid becomes free."""
         if not self.is_profiled:
             return self
-        return replace(self, perturbations=(_moving(f"{self.name}.{self.parameters[0]}"),))
+        return replace(
+            self, perturbations=(fitted_parameter(f"{self.name}.{self.parameters[0]}").perturbation,)
+        )
 
     def in_catalogue_units(self, column: int, size: float, parameters: FilterParameters) -> float:
         """Return a column's size in the catalogue's units."""
@@ -140,7 +142,7 @@ def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list
 def delayed_readings(records: Sequence[Record]) -> list[Effect]:
     """Return delays of instruments, where no term of the catalogue stands for them."""
     return [
-        Effect(name, (_moving(parameter),))
+        Effect(name, (fitted_parameter(parameter).perturbation,))
         for name, (kind, parameter) in LATE.items()
         if any(record.has(channel) for record in records for channel in channels_of(kind))
     ]
@@ -163,12 +165,13 @@ def _plain(term: Term) -> list[Effect]:
     catalogue marks so, is tried alone."""
     single = [p for p in term.smooth if p.alone or p.squared]
     groups = [[p] for p in single] + [[p for p in term.smooth if p not in single]]
-    found = []
-    for names, group in ((tuple(p.name for p in group), group) for group in groups if group):
-        perturbations = tuple(_moving(f"{term.name}.{name}") for name in names)
-        positive = len(group) == 1 and group[0].least == 0.0
-        found.append(Effect(term.name, perturbations, (), names, positive))
-    return found
+    return [
+        Effect(
+            term.name, tuple(fitted_parameter(f"{term.name}.{p.name}").perturbation for p in group),
+            parameters=tuple(p.name for p in group), positive=len(group) == 1 and group[0].least == 0.0,
+        )
+        for group in groups if group
+    ]  # fmt: skip
 
 
 def _tilt_limits(records: Sequence[Record], parameters: FilterParameters) -> list[Effect]:
@@ -184,10 +187,6 @@ def _at_values(column: str, values: Sequence[float], now: float) -> list[Effect]
     name, _, parameter = column.partition(".")
     moved = [Perturbation(f"{name}{AT}{x:.4g}", *slot(column), x - now, unit=1.0) for x in values]
     return [Effect(name, (d,), (), (parameter,), True) for d in moved]
-
-
-def _moving(column: str) -> Perturbation:
-    return fitted_parameter(column).perturbation
 
 
 def _variance(name: str, column: str) -> Effect:

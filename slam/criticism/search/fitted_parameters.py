@@ -186,23 +186,17 @@ NOISE_NUISANCES = (
     ),
 )
 NUISANCES = (*MEAN_NUISANCES, *NOISE_NUISANCES)
+_AR1 = FittedParameter("", "noise_correlation", step=0.03, least=0.0, most=MAX_AR1, reach=MAX_AR1)
 AR1_COEFFICIENTS = tuple(
-    FittedParameter(
-        f"{name}_ar1", "noise_correlation", (k,), step=0.03, least=0.0, most=MAX_AR1, reach=MAX_AR1
-    )
-    for k, name in enumerate(INSTRUMENTS)
+    replace(_AR1, name=f"{name}_ar1", entries=(k,)) for k, name in enumerate(INSTRUMENTS)
 )
 """AR(1) coefficients of the instruments, which are fitted only where noise is not white."""
 GAIN_CORRECTED = tuple(n.name for n in NOISE_NUISANCES)
 GAIN_NUISANCES = tuple(FittedParameter(gain_column(name), reach=TAILS) for name in GAIN_CORRECTED)
 """Errors of the filter's gains. One Gaussian standard deviation cannot give both the scatter and the best
 gain of noise with heavy tails. A wrong gain leaves residuals that resemble a target proportional to tilt."""
-_SPECIAL = {n.name: n for n in (*NUISANCES, *AR1_COEFFICIENTS, *GAIN_NUISANCES)} | {
-    "timestamp_jitter.var": FittedParameter(
-        "timestamp_jitter.var", "jitter_s", form="square", step=1e-6, squared=True
-    ),
-}  # fmt: skip
-_FACTORS = {"clock_drift.ppm": 1e6}
+_JITTER = FittedParameter("timestamp_jitter.var", "jitter_s", form="square", step=1e-6, squared=True)
+_SPECIAL = {n.name: n for n in (*NUISANCES, *AR1_COEFFICIENTS, *GAIN_NUISANCES, _JITTER)}
 
 
 def with_steps(
@@ -232,7 +226,7 @@ def fitted_parameter(name: str) -> FittedParameter:
     kind, entry = slot(name)
     term, _, parameter = name.partition(".")
     limits = DELAY if parameter == DELAY.name else CATALOGUE[term].parameter(parameter)
-    factor = _FACTORS.get(name, 1.0)
+    factor = 1e6 if name == "clock_drift.ppm" else 1.0
     return FittedParameter(
         name, ATTRIBUTES.get(kind, kind), () if kind in ATTRIBUTES else (entry,),
         "square" if limits.squared and kind != "camera" else "plain",  # the camera's vector holds squares

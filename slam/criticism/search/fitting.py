@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -114,9 +113,8 @@ def refit(
     for _ in range(ITERATIONS):
         fisher, quadratic = _expanded(records, model, trial, effects, MEAN_NUISANCES)
         loose = [e for e in effects if all(c in fisher.columns for c in e.columns)]
-        nats = float(fisher.log_likelihood.sum()) - quadratic.penalty_at_current(
-            [c for e in loose for c in e.relaxes]
-        )
+        relaxed = [c for e in loose for c in e.relaxes]
+        nats = float(fisher.log_likelihood.sum()) - quadratic.penalty_at_current(relaxed)
         if best is not None and nats < best[0]:
             share *= 0.4
             if share < 0.05:
@@ -142,18 +140,6 @@ def first_parts(records: Sequence[Record], together_s: float) -> list[Record]:
     return [with_events(r, r.times_s <= r.times_s[0] + longest_s) for r in records]
 
 
-class BestCandidate(NamedTuple):
-    """The candidate that explains most once each is fitted with the filter run anew."""
-
-    effect: Effect
-    parameters: FilterParameters
-    """Filter parameters with it."""
-    rivals: tuple[str, ...]
-    """Names of terms that explain as much, but for what a misfit explains."""
-    leads: dict[tuple[str, str], float]
-    """Leads as in ``SearchResult.leads``."""
-
-
 def best_candidate(
     records: Sequence[Record],
     model: FilterParameters,
@@ -161,10 +147,12 @@ def best_candidate(
     chosen: Sequence[Effect],
     ranked: Sequence[ScoreTest],
     tries: Tally,
-) -> BestCandidate:
+) -> tuple[Effect, FilterParameters, tuple[str, ...], dict[tuple[str, str], float]]:
     """Fit each of the best of ``ranked`` beside the chosen terms, and choose the one that explains most.
 
-    Among candidates that explain the same, the one with fewest parameters is chosen.
+    Among candidates that explain the same, the one with fewest parameters is chosen. Return it, the filter
+    parameters with it, the names of terms that explain as much but for what a misfit explains, and
+    ``SearchResult.leads``.
     """
     named: dict[str, ScoreTest] = {}
     for test in ranked:
@@ -185,7 +173,7 @@ def best_candidate(
     leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f is not best}
     if not best.effect.is_term:
         leads = {}
-    return BestCandidate(best.effect, fitted[best], tuple(sorted(rivals)), leads)
+    return best.effect, fitted[best], tuple(sorted(rivals)), leads
 
 
 MIN_AR1 = 0.05
@@ -236,10 +224,8 @@ def with_ar1_noise(
 
 def without_small_ar1(parameters: FilterParameters) -> FilterParameters:
     """Set negligible AR(1) coefficients to zero: they were fitted while a cause was absent."""
-    return replace(
-        parameters,
-        noise_correlation=np.where(parameters.noise_correlation < MIN_AR1, 0.0, parameters.noise_correlation),
-    )
+    correlation = parameters.noise_correlation
+    return replace(parameters, noise_correlation=np.where(correlation < MIN_AR1, 0.0, correlation))
 
 
 def lag_one_correlation(passes: Sequence[FilterPass]) -> tuple[Array, Array]:
@@ -259,7 +245,6 @@ def lag_one_correlation(passes: Sequence[FilterPass]) -> tuple[Array, Array]:
 
 
 def _channels(nuisance: FittedParameter) -> Ints:
-    """Return the channels of the instrument whose coefficient it is."""
     return np.flatnonzero(np.array(INSTRUMENT_OF) == nuisance.entries[0])
 
 

@@ -26,9 +26,7 @@ ON_CHANNELS = (*ON_BOTH, "pitching", "rolling", "tilt2")
 ON_FORCES = (*ON_BOTH, "stick_ahead", "stick_left", "stick_up", "stick_turn", "tilt2")
 ON_ONE_CHANNEL = {"velocity_x": ("ahead when fast",), "velocity_y": ("left when fast",)}
 """Errors near the end of a sensor's range, which a scale does not describe."""
-SIGNALS = tuple(
-    dict.fromkeys((*ON_CHANNELS, *ON_FORCES, *(s for own in ON_ONE_CHANNEL.values() for s in own)))
-)
+SIGNALS = tuple(dict.fromkeys((*ON_CHANNELS, *ON_FORCES, *sum(ON_ONE_CHANNEL.values(), ()))))
 FORCED = ("roll", "pitch", "yaw_rate", "up", "ahead", "left", "gust_x", "gust_y")
 AT_PLACE = ("x", "y", "r2")
 """Place to the second order about where a flight begins (a hill). Each flight has its own, as the places of
@@ -107,9 +105,9 @@ def signals_of(record: Record, states: Array, flight: int = 0, flights: int = 1)
     Place belongs to one flight, number ``flight`` of ``flights``, and is 0 in the others.
     """
     at_events = _signals(record, record.times_s, states[:, :10])
-    middle = record.step_begin_s + record.step_s / 2
-    turned = states[:, :10].copy()
-    moved = np.column_stack([np.interp(middle, record.times_s, column) for column in turned.T])
+    _, begin_s, length_s = record.steps
+    middle = begin_s + length_s / 2
+    moved = np.column_stack([np.interp(middle, record.times_s, column) for column in states[:, :10].T])
     at_steps = _signals(record, middle, moved)
     found = {name: (at_steps[name], at_events[name]) for name in SIGNALS}
     for other in range(flights):
@@ -136,11 +134,8 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
     fast = np.maximum(speed / max(float(np.quantile(speed, 0.99)), 1e-3) - FAST, 0.0)
     return {
         "x": x, "y": y, "r2": x**2 + y**2,
-        "one": np.ones(len(times_s)),
-        "time": elapsed - 0.5,
-        "height": states[:, Z] - 1.0,
-        "ahead": ahead, "left": left, "up": states[:, VZ],
-        "speed2": vx**2 + vy**2,
+        "one": np.ones(len(times_s)), "time": elapsed - 0.5, "height": states[:, Z] - 1.0,
+        "ahead": ahead, "left": left, "up": states[:, VZ], "speed2": vx**2 + vy**2,
         "pitch": states[:, PITCH], "roll": states[:, ROLL], "turning": states[:, YAW_RATE],
         "north": c, "east": s,
         "stick_ahead": stick[:, 0], "stick_left": stick[:, 1],

@@ -177,13 +177,12 @@ class _SequentialSearch:
                 records = self.records
                 if in_part := significant[0].z >= LINEAR_Z:
                     records = first_parts(records, SHORT_S)
-                best = best_candidate(
+                effect, parameters, rivals, leads = best_candidate(
                     records, self._model, self.expansion, self.chosen, doubtful, self._tries
                 )
-                self.leads = {} if in_part else best.leads
-                self.rivals[best.effect.name] = best.rivals
-                self.chosen.append(best.effect)
-                return best.parameters
+                self.leads, self.rivals[effect.name] = {} if in_part else leads, rivals
+                self.chosen.append(effect)
+                return parameters
             self.chosen.append(significant[0].effect)
             if significant[0].effect.changes:
                 # More noise is far less linear than a change of the mean: nothing else shows beside it.

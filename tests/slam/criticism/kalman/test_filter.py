@@ -258,7 +258,7 @@ def test_steps_half_as_long_change_nothing(monkeypatch):
     monkeypatch.setattr(record_module, "LONGEST_STEP_S", record_module.LONGEST_STEP_S / 2)
     finer = record_of(flight)
     again = whole(finer, filter_parameters_of(vehicle))
-    assert len(finer.step_s) > 1.5 * len(usual.step_s)
+    assert len(finer.steps[1]) > 1.5 * len(usual.steps[1])
     np.testing.assert_array_equal(run.status, again.status)
     change = (again.white - run.white)[run.status == USED]
     assert np.abs(change).max() < 0.03
