@@ -12,8 +12,8 @@ from slam.criticism.kalman.filter_parameters import (
     HOLD_NOISES,
     NOISE_CORRELATIONS,
     NOISE_FIGURES,
+    SQUARES,
     FilterParameters,
-    catalogued,
     figure_of,
     filter_parameters_of,
     slot,
@@ -114,5 +114,6 @@ def _with(model: Model, name: str, parameters: FilterParameters) -> Model:
             where, entry = slot(parameter.slot or f"{name}.{parameter.name}")
             x = float(getattr(parameters, where)[entry])
             if x != float(getattr(before, where)[entry]):
-                values[parameter.name] = catalogued(entry, x) if where == "camera" else x
+                is_square = where == "camera" and entry in SQUARES
+                values[parameter.name] = float(np.sqrt(max(x, 0.0))) if is_square else x
     return with_sizes(model, name, values) if values else model

@@ -19,7 +19,7 @@ from slam.criticism.camera.camera_path import MARGIN_S, camera_path
 from slam.criticism.camera.lens import floor_of, pixels_of
 from slam.criticism.kalman.filter_parameters import CAMERA, FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import referred
-from slam.criticism.kalman.readings import ATTITUDE, IMU, SLOPE_X, SLOPE_Y, SONAR, VELOCITY
+from slam.criticism.kalman.readings import SLOPE_X, SLOPE_Y, STREAMS
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
@@ -39,11 +39,9 @@ from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_
 from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation.model import Model
 
-_STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}
 DISTINGUISHED_SIGMA = 3.3
 """Separation at which two terms are distinguished in nineteen of twenty cases."""
 MOST_PAIRS = 3
-"""Greatest number of pairs for which all manoeuvres are tried."""
 PRINTED = 0.005
 """Least probability that is not printed as 0.00."""
 NONE = "No manoeuvre of the list"
@@ -109,11 +107,11 @@ def telling_flight(
     slower = at_lower_rates(model)
     perturbations = [*MEAN_PERTURBATIONS, *first.perturbations, *second.perturbations]
     plain, beside = replace(first, changes=()), replace(second, changes=())
-    size = np.array([x for x, column in zip(sizes, first.columns, strict=True) if column in columns])
+    size = sizes[[column in columns for column in first.columns]]
 
     def sigma(name: str) -> float:
         flight = simulate_flight(slower, stick_for([name]), 1)
-        missing = {stream: None for kind, stream in _STREAMS.items() if kind not in kinds}
+        missing = {stream: None for kind, stream in enumerate(STREAMS) if kind not in kinds}
         record = referred(record_of(replace(flight, **missing)), parameters)  # type: ignore[arg-type]
         if seen is not None:
             record = replace(record, matches=planned_matches(record, parameters, seen))
@@ -188,7 +186,6 @@ def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:
 
 
 def _took_s(name: str) -> float:
-    """Return the duration of a motion, done once."""
     return stick_for([name]).duration_s if name in MANOEUVRES else handheld_motion(name).duration_s
 
 

@@ -63,8 +63,6 @@ SHOWN_BY = {
     "yaw": (("yaw", "gyro_z"), "attitude or gyro"),
 }
 """Stick -> channels that show its effect, and their instruments in words."""
-
-
 HELD_HEADING = (
     "a controller moves the turn stick and uses more than the instruments, which looks like an effect "
     "of the stick: yaw_drag is not judged, other effects must be half as large again; fly a script for more"

@@ -8,18 +8,13 @@ from slam.core.arrays import Array, Ints, Mask
 
 
 class EventArrays(NamedTuple):
-    """The readings of a flight in order of time, as in ``record.Record``."""
+    """The readings of a flight in order of time. Fields with a name of ``record.Record`` are its own."""
 
     times_s: Array
-    """(events,) stamps."""
     kinds: Ints
-    """(events,) ``readings.IMU`` and so on."""
     values: Array
-    """(events, 6) readings in SI units, NaN for missing values."""
     elapsed: Array
-    """(events,) elapsed share of the flight's duration."""
     landing: Mask
-    """(events,) true on the floor and shortly after."""
     first_step: Ints
     """(events + 1,) the steps first_step[e] to first_step[e + 1] lead to event e."""
     step_s: Array
@@ -42,20 +37,17 @@ class CommandArrays(NamedTuple):
 
 
 class ModelArrays(NamedTuple):
-    """The parameters of the vehicle and its instruments, and the noise of the readings."""
+    """The parameters of the vehicle and its instruments, as in ``FilterParameters``, and the noise."""
 
     parameters: Array
     """(``dynamics.PARAMETERS``,)."""
     sensor: Array
-    """(``readings.SENSOR``,)."""
     hold: Array
-    """(``transition.HOLD``,)."""
     variance: Array
     """(channels,) variance of one reading."""
     range_limits_m: Array
     """(2,) least and greatest range that the sonar reports."""
     jitter_s: float
-    """Standard deviation of the stamps."""
     diffusion: Array
     """(n,) growth of the variance of each state by process noise, per second."""
 
@@ -133,26 +125,23 @@ class Ar1Noise(NamedTuple):
 
 
 class NoiseChangeArrays(NamedTuple):
-    """The filter under each of c changes of its noise, for n states and k AR(1) noises."""
+    """The filter under each of c changes of its noise, for n states and k AR(1) noises.
+
+    Arrays that the plain filter has as well (``ModelArrays``, ``KalmanState``, ``Ar1Noise``,
+    ``CommandArrays``) have a first axis (c,) where they depend on the change.
+    """
 
     hold: Array
-    """(c, ``transition.HOLD``)."""
     decays_alike: Mask
     """(c,) whether the noises of the state decay as without the change."""
     variance: Array
-    """(c, channels) variance of one reading."""
     jitter_s: Array
-    """(c,) standard deviation of the stamps."""
     diffusion: Array
-    """(c, n) growth of the variance of each state by process noise, per second."""
     p: Array
-    """(c, n, n) covariance."""
     shift: Array
     """(n, c) difference of the mean from the plain filter's."""
     coloured: Ar1Noise
-    """AR(1) noises; those of its arrays that depend on the change have a first axis (c,)."""
     spoilt_channels: Ints
-    """(c, events) as ``CommandArrays.spoilt_channels``."""
     before: Array
     """(n,) state of the plain filter before the step."""
     slower: Array
@@ -254,16 +243,12 @@ class Scratch(NamedTuple):
 
 
 class KalmanOutputs(NamedTuple):
-    """The results that the filter writes."""
+    """The results that the filter writes; the first four as in ``innovations.FilterPass``."""
 
     innovation: Array
-    """(events, 6) innovation over its standard deviation."""
     log_variance: Array
-    """(events, 6) logarithm of the innovation's variance."""
     status: Ints
-    """(events, 6) ``filter.USED`` and so on."""
     states: Array
-    """(events, 11) moving state before the event, and the standard deviation of z."""
     sensitivity: Array
     """(readings, m) derivative of the prediction by each perturbation, over its standard deviation."""
     change_of_mean: Array

@@ -44,7 +44,6 @@ SATURATED = 1.5
 """Factor from the strongest spots to a lamp's greatest strength: spots on a bright floor saturate."""
 CERTAIN = 0.9
 MOST_LOST = 50
-"""Greatest number of lost pictures that is tried."""
 
 
 def cause_in_readings(
@@ -85,7 +84,7 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Cau
         near = np.abs(own - np.median(limit)) < 2.0 * LIMIT_STD_M if len(limit) else np.zeros(len(own), bool)
         return NATS_A_REPEAT * float(near.sum())
 
-    nats = tuple(NATS_A_REPEAT * float(len(own)) for own in stuck)
+    nats = [NATS_A_REPEAT * float(len(own)) for own in stuck]
     return kept, [cause_in_readings("sonar_dead_zone", size, nats, predicted_by_others(stuck, beside))]
 
 
@@ -109,24 +108,22 @@ def reading_anomalies(passes: Sequence[FilterPass]) -> list[Cause]:
 
 def _dropped(records: Sequence[Record]) -> list[Cause]:
     """Return the lost pictures, a Poisson number estimated from gaps between stamps."""
-    matches = [r.matches for r in records]
-    lost = np.array([s.missing if s is not None else 0 for s in matches], dtype=float)
-    taken = np.array([s.taken if s is not None else 0 for s in matches], dtype=float)
-    if not lost.any():
+    counts = [(m.missing, m.taken) if (m := r.matches) is not None else (0, 0) for r in records]
+    flights = [LostPictures(float(lost), float(lost + taken)) for lost, taken in counts]
+    lost = sum(flight.lost for flight in flights)
+    if lost == 0.0:
         return []
-    share = float(lost.sum() / (lost + taken).sum())
+    share = lost / sum(flight.due for flight in flights)
 
     def beside(own: LostPictures, others: Sequence[LostPictures]) -> float:
         """Return the nats of the flight's losses at the others' share; a flight without losses is healthy."""
         gone, due = (sum(part) for part in zip(*((f.lost, f.due) for f in others), strict=True))
         return own.nats(max(gone / max(due, 1.0), HEALTHY_LOSS))
 
-    flights = [LostPictures(n, n + m) for n, m in zip(lost.tolist(), taken.tolist(), strict=True)]
-    nats = tuple(flight.nats(share) for flight in flights)
+    nats = [flight.nats(share) for flight in flights]
     if share < HEALTHY_LOSS or sum(nats) < LOST_NATS:
         return []
-    reach = 1.96 * share / float(np.sqrt(lost.sum()))
-    size = _sized("dropped_frames", share, reach)
+    size = _sized("dropped_frames", share, 1.96 * share / float(np.sqrt(lost)))
     return [cause_in_readings("dropped_frames", size, nats, predicted_by_others(flights, beside))]
 
 
@@ -142,12 +139,11 @@ def _highlights(records: Sequence[Record]) -> list[Cause]:
     strengths = every[every[:, 0] > 0, 2]
     low, strength, high = (float(np.quantile(strengths, q)) for q in (0.5, 0.75, 0.9))
     interval = Interval(strength, "1", 0.9 * low, SATURATED * high)
-    nats = tuple(NATS_A_PAIR * float(np.sum(flight[:, 0] > 0)) for flight in seen)
+    nats = [NATS_A_PAIR * float(np.sum(flight[:, 0] > 0)) for flight in seen]
     return [cause_in_readings("specular_highlights", {"strength": interval}, nats)]
 
 
 def _moving_objects(records: Sequence[Record]) -> list[Cause]:
-    """Return the objects that move through the pictures."""
     passes = []
     for record in records:
         seen = record.matches
@@ -157,10 +153,8 @@ def _moving_objects(records: Sequence[Record]) -> list[Cause]:
     found = sum(map(len, passes))
     if found == 0:
         return []
-    reach = 1.96 * np.sqrt(found)
-    size = _sized("moving_objects", float(found), float(reach), least=1.0)
-    nats = tuple(NATS_A_PAIR * float(sum(flight)) for flight in passes)
-    return [cause_in_readings("moving_objects", size, nats)]
+    size = _sized("moving_objects", float(found), float(1.96 * np.sqrt(found)), least=1.0)
+    return [cause_in_readings("moving_objects", size, [NATS_A_PAIR * float(sum(p)) for p in passes])]
 
 
 def _spikes(passes: Sequence[FilterPass]) -> list[Cause]:
@@ -176,9 +170,8 @@ def _spikes(passes: Sequence[FilterPass]) -> list[Cause]:
     count, total = sum(counts), sum(totals)
     if count < FEWEST_SPIKES:
         return []
-    share = count / total
-    size = _sized("sonar_spikes", share, float(1.96 * (np.sqrt(count) / total)))
-    return [cause_in_readings("sonar_spikes", size, tuple(NATS_A_SPIKE * c for c in counts))]
+    size = _sized("sonar_spikes", count / total, float(1.96 * (np.sqrt(count) / total)))
+    return [cause_in_readings("sonar_spikes", size, [NATS_A_SPIKE * c for c in counts])]
 
 
 def ranges_of(records: Sequence[Record]) -> Array:
@@ -193,7 +186,6 @@ def quantisation_in(records: Sequence[Record]) -> Quantisation | None:
 
 
 def _quantised(records: Sequence[Record]) -> list[Cause]:
-    """Return the quantisation of the ranges."""
     found = quantisation_in(records)
     if found is None:
         return []

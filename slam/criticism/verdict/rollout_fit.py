@@ -50,8 +50,7 @@ DELAY = {"control_latency.T": 0.01}
 """Difference for a delay. With smaller ones, commands move across readings, and fits get stuck."""
 _FREE = tuple(n for n in MEAN_NUISANCES if n.name in FREE)
 MOST_CANDIDATES = 3
-"""Number of terms that are tried beside the chosen ones: those with the greatest score tests beyond chance.
-The flights decide whether they are there."""
+"""Number of terms, those with the greatest score tests beyond chance, that are tried beside the chosen."""
 
 
 @dataclass(frozen=True)
@@ -166,14 +165,12 @@ def _needed(
 
 def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[FittedParameter]:
     """Return the constants that are healthy with a term and take its place without it."""
-    return [
-        n for n in _FREE
-        if _is_beyond(n, without.parameters, model, 0.0) and not _is_beyond(n, fit.parameters, model, 0.0)
-    ]  # fmt: skip
+    freed = [n for n in _FREE if _is_beyond(n, without.parameters, model)]
+    return [n for n in freed if not _is_beyond(n, fit.parameters, model)]
 
 
 def _is_beyond(
-    constant: FittedParameter, parameters: FilterParameters, model: FilterParameters, std: float
+    constant: FittedParameter, parameters: FilterParameters, model: FilterParameters, std: float = 0.0
 ) -> bool:
     """Whether a constant lies beyond its healthy range, whatever flight is left out."""
     low, high = constant.healthy_range(model)
@@ -191,12 +188,8 @@ def _out_of_range(
 def _flies(effect: Effect) -> bool:
     """Whether a term has a slope in the errors of roll-outs."""
     kinds = {d.kind for d in effect.perturbations}
-    return (
-        effect.is_term
-        and bool(kinds)
-        and kinds <= {"dynamics", "sensor", "latency"}
-        and not effect.is_profiled
-    )
+    has_slope = bool(kinds) and kinds <= {"dynamics", "sensor", "latency"} and not effect.is_profiled
+    return effect.is_term and has_slope
 
 
 class _Rollouts:
@@ -223,14 +216,11 @@ class _Rollouts:
 
     def _left(self, parameters: FilterParameters) -> list[Array]:
         """Return the errors of each flight, and last the faint distances of constants from healthy ones."""
-        residuals = in_threads(
-            lambda k: np.concatenate(self._by_channel(k, parameters)), range(len(self._records))
-        )
-        away = []
-        for nuisance in _FREE:
-            low, high = nuisance.healthy_range(self._model)
-            away.append(PULL * (2.0 * nuisance.value_in(parameters) - low - high) / (high - low))
-        return [*residuals, np.array(away)]
+        flights = range(len(self._records))
+        residuals = in_threads(lambda k: np.concatenate(self._by_channel(k, parameters)), flights)
+        x = np.array([nuisance.value_in(parameters) for nuisance in _FREE])
+        low, high = np.transpose([nuisance.healthy_range(self._model) for nuisance in _FREE])
+        return [*residuals, PULL * (2.0 * x - low - high) / (high - low)]
 
     def _slopes(
         self, parameters: FilterParameters, columns: Sequence[str], h: Array, left: list[Array]
@@ -256,11 +246,14 @@ class _Rollouts:
             d.name: DELAY.get(d.name, d.step) for e in effects if _flies(e) for d in e.perturbations
         }
         columns, h = tuple(steps), np.array(list(steps.values()))
+
+        def moved(step: Array) -> FilterParameters:
+            return with_steps(parameters, zip(columns, step.tolist(), strict=True), bounded=True)
+
         parameters, damping, left = start, DAMPING, self._left(start)
         slope = self._slopes(parameters, columns, h, left)
         for _ in self._rounds.each(range(ROUNDS)):
-            step = h * _solved(slope, left, damping)
-            trial = with_steps(parameters, zip(columns, step.tolist(), strict=True), bounded=True)
+            trial = moved(h * _solved(slope, left, damping))
             now = self._left(trial)
             if _squares(now) < _squares(left):
                 gained = 1.0 - _squares(now) / _squares(left)
@@ -270,22 +263,16 @@ class _Rollouts:
                     break
             else:
                 damping *= 5.0
-        apart = []
-        for k in range(len(self._records)):
-            others = [j for j in range(len(left)) if j != k]
-            apart.append(h * _solved([slope[j] for j in others], [left[j] for j in others], DAMPING))
-        fitted_by_others = [
-            with_steps(parameters, zip(columns, step.tolist(), strict=True), bounded=True) for step in apart
+        apart = [
+            h * _solved([*slope[:k], *slope[k + 1 :]], [*left[:k], *left[k + 1 :]], DAMPING)
+            for k in range(len(self._records))
         ]
-        residuals = [
-            [_squares([c]) for c in self._by_channel(k, by_others)]
-            for k, by_others in enumerate(fitted_by_others)
-        ]
-        return _Fit(parameters, columns, tuple(fitted_by_others), np.array(apart), np.array(residuals))
+        by_others = tuple(map(moved, apart))
+        residuals = [[_squares([c]) for c in self._by_channel(k, p)] for k, p in enumerate(by_others)]
+        return _Fit(parameters, columns, by_others, np.array(apart), np.array(residuals))
 
 
 def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Array:
-    """Return the remaining least-squares step."""
     slopes, residuals = np.concatenate(slope), np.concatenate(left)
     a, b = slopes.T @ slopes, slopes.T @ residuals
     return np.asarray(-np.linalg.solve(a + damping * np.diag(np.diag(a)) + RIDGE * np.eye(len(a)), b))

@@ -71,9 +71,8 @@ def pooled_residuals(
     share: float = 0.25,
 ) -> dict[int, Array]:
     """Return channel -> ``rollout_residuals`` of all flights, of all channels but the imu's."""
-    each = [
-        rollout_residuals(*of, horizon_s, share) for of in zip(records, filtered, parameters, strict=True)
-    ]
+    flights = zip(records, filtered, parameters, strict=True)
+    each = [rollout_residuals(*flight, horizon_s, share) for flight in flights]
     return {c: np.concatenate([errors[c] for errors in each]) for c in BEYOND_IMU}
 
 
@@ -87,9 +86,9 @@ def rollout_residuals(
     states = filtered[:, :MOVING]
     first, last = record.times_s[0] + SETTLE_S, record.times_s[-1] - horizon_s
     begins = np.arange(first, last, START_EVERY_S)
-    empty: dict[int, Array] = {c: np.zeros(0) for c in range(len(CHANNELS))}
+    errors: dict[int, list[Array]] = {c: [np.zeros(0)] for c in range(len(CHANNELS))}
     if len(begins) == 0:
-        return empty
+        return {c: np.zeros(0) for c in errors}
     start_at = np.searchsorted(record.times_s, begins)
     begins = record.times_s[start_at]
     steps = round(horizon_s / STEP_S)
@@ -103,11 +102,9 @@ def rollout_residuals(
         start, command.reshape(len(begins), steps, STICKS), np.zeros((1, steps + 1, NOISES)),
         np.tile(parameters.dynamics, (len(begins), 1)), STEP_S,
     )  # fmt: skip
-    errors: dict[int, list[Array]] = {c: [] for c in range(len(CHANNELS))}
     for k, begin in enumerate(begins):
         judged = (record.times_s > begin + (1.0 - share) * horizon_s) & (record.times_s <= begin + horizon_s)
-        judged &= record.kinds != IMU
-        rows = np.flatnonzero(judged)
+        rows = np.flatnonzero(judged & (record.kinds != IMU))
         at = np.column_stack([np.interp(record.times_s[rows], nodes[k], path[k, :, i]) for i in range(FULL)])
         commands = record.stick.at(record.times_s[rows] / fast, parameters.latency_s)
         own = parameters.dynamics, parameters.sensor, parameters.hold[POLE]
@@ -120,7 +117,7 @@ def rollout_residuals(
                     error = np.angle(np.exp(1j * error))
                 if np.isfinite(error).any():
                     errors[FIRST_CHANNEL[kind] + c].append(error[np.isfinite(error)])
-    return {c: np.concatenate(m) if m else np.zeros(0) for c, m in errors.items()}
+    return {c: np.concatenate(m) for c, m in errors.items()}
 
 
 @allocating_kernel
@@ -143,7 +140,6 @@ class ChannelResiduals:
     """Errors of one channel, of roll-outs or of instruments, against the covariate of one cause."""
 
     cause: str
-    """Cause whose covariate it is."""
     channel: str
     unit: str
     explained: Array
@@ -174,8 +170,7 @@ def covariate(
     effect = next((e for e in found.chosen if e.name == cause), None)
     if effect is None or not (effect.perturbations or effect.relaxes):
         return None
-    rest = [e for e in found.chosen if e is not effect]
-    short = first_parts(records, SHORT_S)
+    rest, short = [e for e in found.chosen if e is not effect], first_parts(records, SHORT_S)
     # Roll-outs cannot include a term that only adds noise.
     ways = (s.effect for s in found.in_place(effect, rival) if s.effect.perturbations or s.effect.relaxes)
     other = next(ways, None)
