@@ -30,8 +30,6 @@ _POSE_NUDGE = 1e-5
 _SLOPE_NUDGE = 1e-4
 _FAINT = 1e-4
 """Information added to sizes that a flight may not show, since a matrix of zeros cannot be inverted."""
-
-
 TOLERANCE = np.concatenate([[2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5], WARP_TOLERANCE])
 """Largest apparent error of a healthy camera by features on small pictures, of its clock, and of warps."""
 _PIXEL_NUDGE = 0.1
@@ -121,7 +119,7 @@ def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Likelihoo
     loose = np.arange(count, C.shape[2])
     std = TOLERANCE.copy()
     # Makers differ in the row that a stamp refers to.
-    std[OFFSET] += 0.5 * abs(scene.camera[READOUT])
+    std[OFFSET] += 0.5 * abs(scene.parameters.camera[READOUT])
     tolerance = left[np.ix_(loose, loose)] + np.diag(1.0 / std**2)
     taken = np.linalg.solve(tolerance, left[np.ix_(loose, own)])
     left = left[np.ix_(own, own)] - left[np.ix_(own, loose)] @ taken
@@ -192,32 +190,23 @@ class _Scene:
         own = matches.std_px[kept], matches.earlier[kept]
         return _Scene(matches, parameters, along, i, j, seen, other, *own)
 
-    @property
-    def camera(self) -> Array:
-        """The camera's vector."""
-        return self.parameters.camera
-
     def transferred(
         self, camera: Array | None = None, slope: Array | None = None, at_i: float | Array = 0.0,
         at_j: float | Array = 0.0, off_j: float | Array = 0.0,
     ) -> Array:  # fmt: skip
         """Return (m, 2) pixels j transferred into picture i, with the given quantities changed."""
-        nominal, camera = self.matches.camera, self.camera if camera is None else camera
+        nominal, camera = self.matches.camera, self.parameters.camera if camera is None else camera
         slope = self.parameters.sensor[[SLOPE_X, SLOPE_Y]] if slope is None else slope
-        poses, rates = self.path.poses, self.path.rates
-        rows = nominal.size_px[1] - 1
-        shift_j = self._shift(camera, self.other[:, 1] / rows)
-        shift_i = self._shift(camera, self.seen[:, 1] / rows)
-        accelerations = 0.5 * self.path.accelerations
-        pose_j = poses[self.j] + shift_j[:, None] * (rates[self.j] + shift_j[:, None] * accelerations[self.j])
-        pose_i = poses[self.i] + shift_i[:, None] * (rates[self.i] + shift_i[:, None] * accelerations[self.i])
+        pose_i, pose_j = self._poses(camera, self.i, self.seen), self._poses(camera, self.j, self.other)
         floor = floor_of(nominal, camera, pose_j + at_j, self.other + off_j, slope)
         return pixels_of(nominal, camera, pose_i + at_i, floor)
 
-    def _shift(self, camera: Array, row: Array) -> Array:
-        """Return (m,) the time of each row minus the time at which the path was sampled for its picture."""
-        late = camera[READOUT] * (row - 0.5)
-        return np.asarray(late - camera[OFFSET] + self.camera[OFFSET])
+    def _poses(self, camera: Array, picture: Ints, pixel: Array) -> Array:
+        """Return (m, 6) poses at the time of each pixel's row; the path is sampled at the middle row's."""
+        late = camera[READOUT] * (pixel[:, 1] / (self.matches.camera.size_px[1] - 1) - 0.5)
+        shift = (late - camera[OFFSET] + self.parameters.camera[OFFSET])[:, None]
+        rate = self.path.rates[picture] + shift * (0.5 * self.path.accelerations[picture])
+        return np.asarray(self.path.poses[picture] + shift * rate)
 
     def by_pose(self) -> Array:
         """Return (m, 2, 12) derivatives in pose i and pose j."""
@@ -226,7 +215,7 @@ class _Scene:
 
     def by_camera(self) -> Array:
         """Return (m, 2, ``POINTS``) derivatives in the camera's vector."""
-        return self._slopes("camera", self.camera, NUDGE[:, None] * np.eye(POINTS, len(CAMERA)))
+        return self._slopes("camera", self.parameters.camera, NUDGE[:, None] * np.eye(POINTS, len(CAMERA)))
 
     def by_slope(self, axis: int) -> Array:
         """Return (m, 2) derivatives in the floor's slope along x or y, for a fixed path."""

@@ -102,21 +102,22 @@ class LikelihoodScore:
         return replace(self, information=information, score=self.score @ columns)
 
 
-def perturbation_arrays(
+def filter_inputs(
     record: Record,
     parameters: FilterParameters,
     perturbations: Sequence[Perturbation],
     signals: dict[str, Signal],
-) -> tuple[PerturbationArrays, CommandArrays]:
-    """Return the perturbations of one flight as arrays, with the commands of all their variants."""
-    m = len(perturbations)
+    states: int,
+) -> arrays.KalmanInputs:
+    """Return the kernels' inputs, with the commands of all variants that the perturbations have."""
+    (first_step, _, step_s), m = record.steps, len(perturbations)
     variants: list[tuple[float, float]] = [(parameters.latency_s, parameters.drift)]
-    names, steps = sorted({d.signal for d in perturbations if d.signal}), len(record.steps[1])
+    names = sorted({d.signal for d in perturbations if d.signal})
     table = PerturbationArrays(
         np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64),
         np.tile(parameters.dynamics, (m, 1)), np.tile(parameters.sensor, (m, 1)),
         np.full(m, -1, dtype=np.int64), np.zeros(m, dtype=np.int64),
-        np.array([signals[name][0] for name in names]).reshape(len(names), steps),
+        np.array([signals[name][0] for name in names]).reshape(len(names), len(step_s)),
         np.array([signals[name][1] for name in names]).reshape(len(names), len(record.times_s)),
         np.array([1.0 / (d.step if d.unit is None else d.unit) for d in perturbations]),
     )  # fmt: skip
@@ -137,7 +138,15 @@ def perturbation_arrays(
             table.signal_of[k] = names.index(d.signal)
             table.inject_at[k] = d.entry if d.kind == "force" else ON_CHANNEL + d.entry
             table.changes_motion[k] = int(d.kind == "force")
-    return table, _command(record, parameters, variants)
+    events = arrays.EventArrays(
+        record.times_s, record.kinds, record.values, record.elapsed, record.landing, first_step, step_s
+    )
+    variance = (record.noise_std * parameters.noise_factor) ** 2
+    model = arrays.ModelArrays(
+        parameters.dynamics, parameters.sensor, parameters.hold, variance, record.range_limits,
+        parameters.jitter_s, diffusion(parameters.hold, states),
+    )  # fmt: skip
+    return arrays.KalmanInputs(events, _command(record, parameters, variants), model, table)
 
 
 def _command(
@@ -182,27 +191,6 @@ def observable_noise(record: Record, parameters: FilterParameters) -> FilterPara
     hold = parameters.hold.copy()
     hold[TURN_STD] = 0.0
     return replace(parameters, hold=hold)
-
-
-def filter_inputs(
-    record: Record,
-    parameters: FilterParameters,
-    perturbations: Sequence[Perturbation],
-    signals: dict[str, Signal],
-    states: int,
-) -> arrays.KalmanInputs:
-    """Return the kernels' inputs."""
-    variance = (record.noise_std * parameters.noise_factor) ** 2
-    first_step, _, step_s = record.steps
-    events = arrays.EventArrays(
-        record.times_s, record.kinds, record.values, record.elapsed, record.landing, first_step, step_s
-    )
-    table, command = perturbation_arrays(record, parameters, perturbations, signals)
-    model = arrays.ModelArrays(
-        parameters.dynamics, parameters.sensor, parameters.hold, variance, record.range_limits,
-        parameters.jitter_s, diffusion(parameters.hold, states),
-    )  # fmt: skip
-    return arrays.KalmanInputs(events, command, model, table)
 
 
 def initial_state(

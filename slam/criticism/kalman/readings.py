@@ -81,8 +81,6 @@ SENSOR = (
     "sonar.datum_m", "attitude.delay_s", "velocity.delay_s",
 )  # fmt: skip
 """Entries of the instruments' parameter vector; the last three belong to no term."""
-
-
 _OWNERS = [entry.partition(".")[0] for entry in SENSOR]
 READ_BY = tuple(STREAMS.index(CATALOGUE[own].stream if own in CATALOGUE else own) for own in _OWNERS)
 """Kind of the events that read each entry."""

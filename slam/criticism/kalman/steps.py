@@ -58,8 +58,6 @@ STANDS_M_S = 0.05
 """Greatest vertical speed of a vehicle that stands on the floor, in m/s."""
 SONAR_MARGIN = 4.0
 """Ranges predicted within so many standard deviations of the limits are ignored: half of them are missing."""
-
-
 _NUDGE = 1e-6
 _NONE = -1
 RATES_READ = (

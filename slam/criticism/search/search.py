@@ -163,9 +163,14 @@ class _SequentialSearch:
     def next_parameters(self) -> FilterParameters | None:
         """Choose terms until a fit is needed; return parameters with all, or None for nothing more."""
         while True:
-            significant = self._significant()
+            limits = self._limits
+            threshold = with_misfit(limits.second, self._greatest_z) if self.chosen else limits.effects
+            tests = self.expansion.score_tests(self.chosen, self.expansion.effects)
+            significant = beyond(tests, threshold)
             full = len(self.chosen) == MOST_TERMS
-            if not self.chosen and (both := self._hidden(significant)):
+            weak = not significant or significant[0].z < CURVED_Z
+            if not self.chosen and weak and (both := masked_pair(self.expansion, limits, significant)):
+                # Two terms in place of weakly significant ones, or of none.
                 self.chosen, self._fitted = list(both), False
                 continue
             if not significant or full:
@@ -236,17 +241,6 @@ class _SequentialSearch:
         known, _ = refit(short, self._model, parameters, [*others, saturation])
         open_way, _ = refit(short, self._model, saturation.without(parameters), others)
         return deviate(2.0 * max(known - open_way, 0.0), len(saturation.columns))
-
-    def _significant(self) -> list[ScoreTest]:
-        limits = self._limits
-        threshold = with_misfit(limits.second, self._greatest_z) if self.chosen else limits.effects
-        return beyond(self.expansion.score_tests(self.chosen, self.expansion.effects), threshold)
-
-    def _hidden(self, significant: Sequence[ScoreTest]) -> Sequence[Effect] | None:
-        """Return two terms in place of weakly significant ones, or of none."""
-        if significant and significant[0].z >= CURVED_Z:
-            return None
-        return masked_pair(self.expansion, self._limits, significant)
 
     def _with_chosen(self, start: FilterParameters | None = None) -> FilterParameters:
         with self._fits.part():

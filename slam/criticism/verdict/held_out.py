@@ -62,7 +62,7 @@ def held_out(found: SearchResult, without: Sequence[Effect] = ()) -> HeldOut:
     part, by = parts_of(last.fisher.flight)
     plain_nats, known_nats = _of_the_same_readings(base, last)
     of_one_alone = (last.fisher.log_likelihood - known_nats) - (base.fisher.log_likelihood - plain_nats)
-    nats, fitted_by_others = [], {}
+    nats, fitted_by_others = [], dict[int, tuple[FilterParameters, FilterParameters]]()
     for k in np.unique(part):
         own, others = part == k, part != k
         if not others.any():
@@ -73,13 +73,9 @@ def held_out(found: SearchResult, without: Sequence[Effect] = ()) -> HeldOut:
         if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.matches for r in found.records):
             gain = _gain_rerun(found.records, last, own, before, after)
         nats.append(gain)
-        for f in np.unique(last.fisher.flight[own]):
-            fitted_by_others[int(f)] = before, after
-    flights = sorted(fitted_by_others)
-    return HeldOut(
-        np.array(nats), by,
-        tuple(fitted_by_others[f][0] for f in flights), tuple(fitted_by_others[f][1] for f in flights),
-    )  # fmt: skip
+        fitted_by_others |= dict.fromkeys(np.unique(last.fisher.flight[own]).tolist(), (before, after))
+    each = [fitted_by_others[flight] for flight in sorted(fitted_by_others)]
+    return HeldOut(np.array(nats), by, tuple(p for p, _ in each), tuple(p for _, p in each))
 
 
 def _prediction(
