@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.mosaic.canvas import CELL_PX, MosaicError, MosaicGrid, SquareGrid, grid_over
 from frontend.mosaic.extent import CANVAS_RATIO, intersection, share_within, union
-from frontend.mosaic.surface import Surface, ground_maps, ground_seen
+from frontend.mosaic.surface import Surface, ground_heights, ground_maps, ground_seen
 from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, visible
 
 Array = NDArray[np.float64]
@@ -72,8 +72,7 @@ class MosaicPlan(MosaicGrid):
 
     def pixels(self, view: MosaicView, lattice: Lattice) -> tuple[Float32, Float32, Mask]:
         """Return the pixel (u, v) of the ground at each node, and whether the picture sees it."""
-        u, v = ground_maps(self.camera, view, lattice, self.surface)
-        seen = ground_seen(view, lattice, self.surface)
+        u, v, seen = ground_seen(self.camera, view, lattice, self.surface)
         w, h = self.camera.size_px
         return u, v, seen & (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
 
@@ -108,8 +107,8 @@ def plan_mosaic(
 
     ``gsd_m`` is the ground sample distance in m/pixel. If it is None, it is the median of the pictures' that
     look down, made coarser until the mosaic has at most ``max_pixels``. Far ground of tilted pictures is left
-    out first: `frontend.mosaic.extent`. ``leave_out`` maps pose numbers of pictures that must
-    not be used to the reasons. ``unit`` is the name of the unit of length in the texts.
+    out first: `frontend.mosaic.extent`. ``leave_out`` maps pose numbers of pictures that must not be used to
+    the reasons. ``unit`` is the name of the unit of length in the texts.
 
     Raises ``MosaicError`` if no picture sees the floor or the given ``gsd_m`` needs too many pixels.
     """
@@ -160,8 +159,9 @@ def _weights(
     The weight is the product of a dome over the picture (1 in the centre, 0 at the border), the cosine of the
     angle off nadir, and the resolution relative to the mosaic's, at most 1.
     """
-    seen, nadir, resolution = visible(view, lattice, surface.heights(lattice) if surface else None)
-    u, v = ground_maps(camera, view, lattice, surface)
+    height_m = ground_heights(surface, lattice)
+    seen, nadir, resolution = visible(view, lattice, height_m)
+    u, v = ground_maps(camera, view, lattice, height_m)
     if surface is not None:
         nadir = np.where(surface.hidden(view, lattice), HIDDEN * nadir, nadir)
     w, h = camera.size_px

@@ -19,7 +19,7 @@ from frontend.mosaic.canvas import CELL_PX, Tile
 from frontend.mosaic.exposure import Exposure, Samples, estimate_exposure
 from frontend.mosaic.pictures import BRIGHT, DARK, Pictures
 from frontend.mosaic.plan import MosaicPlan
-from frontend.mosaic.surface import ground_maps, ground_seen
+from frontend.mosaic.surface import ground_heights, ground_maps, ground_seen
 from frontend.mosaic.view import Lattice
 from frontend.mosaic.window import SOFT_CELLS, fingerprint, owners_around, window_of
 from frontend.workers import Ready, Workers, workers
@@ -93,8 +93,7 @@ def _brightness(plan: MosaicPlan, index: int, picture: Image) -> tuple[Array, ..
     camera, view = plan.camera, plan.views[index]
     squares = plan.sampling
     (rows, cols), lattice = plan.squares_under(view, squares)
-    u, v = ground_maps(camera, view, lattice, plan.surface)
-    seen = ground_seen(view, lattice, plan.surface)
+    u, v, seen = ground_seen(camera, view, lattice, plan.surface)
     sx, sy = picture.shape[1] / camera.size_px[0], picture.shape[0] / camera.size_px[1]
     side = int(np.clip(round(squares.pitch_px * plan.gsd_m / view.gsd_m * sx / 2), 3, 63)) | 1
     usable = cv2.inRange(picture, (DARK + 1,) * 3, (BRIGHT - 1,) * 3)
@@ -285,7 +284,7 @@ def _warp(plan: MosaicPlan, index: int, part: Tile, pictures: Pictures, exposure
     picture = pictures[index]
     assert picture is not None
     lattice = plan.lattice(part.row, part.col, part.rows, part.cols)
-    u, v = ground_maps(plan.camera, plan.views[index], lattice, plan.surface)
+    u, v = ground_maps(plan.camera, plan.views[index], lattice, ground_heights(plan.surface, lattice))
     vignette = exposure.vignette.astype(np.float32)
     gain = exposure.gain[index].astype(np.float32)
     rho2 = _rho2(plan, u, v)

@@ -149,17 +149,29 @@ class Surface:
         return np.asarray(cv2.remap(self.height_m, c, r, cv2.INTER_LINEAR))
 
 
+def ground_heights(surface: Surface | None, lattice: Lattice) -> Float32 | None:
+    """Return the heights (rows, cols) of the ground at each node; None where all of it is the floor."""
+    return None if surface is None else surface.heights(lattice)
+
+
 def ground_maps(
-    camera: Camera, view: MosaicView, lattice: Lattice, surface: Surface | None
+    camera: Camera, view: MosaicView, lattice: Lattice, height_m: Float32 | None
 ) -> tuple[Float32, Float32]:
-    """Return the pixel (u, v) of the ground at each node: of the surface, or of the floor without one."""
-    heights = surface.heights(lattice) if surface else None
-    if heights is None:
+    """Return the pixel (u, v) of the ground at each node, at heights of `ground_heights`."""
+    if height_m is None:
         return pixel_maps(camera, view, lattice)
-    return raised_maps(camera, view, lattice, heights)
+    return raised_maps(camera, view, lattice, height_m)
 
 
-def ground_seen(view: MosaicView, lattice: Lattice, surface: Surface | None) -> Mask:
-    """Return whether the lens sees the ground at each node, and no higher ground hides it."""
-    seen, _, _ = visible(view, lattice, surface.heights(lattice) if surface else None)
-    return seen if surface is None else seen & ~surface.hidden(view, lattice)
+def ground_seen(
+    camera: Camera, view: MosaicView, lattice: Lattice, surface: Surface | None
+) -> tuple[Float32, Float32, Mask]:
+    """Return the pixel (u, v) of the ground at each node, and whether the lens sees it and nothing hides it.
+
+    The pixel may lie beside the picture.
+    """
+    height_m = ground_heights(surface, lattice)
+    seen, _, _ = visible(view, lattice, height_m)
+    if surface is not None:
+        seen &= ~surface.hidden(view, lattice)
+    return *ground_maps(camera, view, lattice, height_m), seen

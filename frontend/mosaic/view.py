@@ -224,19 +224,17 @@ def visible(
     y = lattice.y0_m - lattice.step_m * np.arange(lattice.rows)
     a, b, c = view.pixel_H_floor[2]
     depth = ((a * x + c)[None] + (b * y)[:, None]).astype(np.float32)
-    dx2, dy2 = (x - view.w_p_c_m[0]) ** 2 + view.height_m**2, (y - view.w_p_c_m[1]) ** 2
-    squares = (dx2[None] + dy2[:, None]).astype(np.float32)
+    dx2, dy2 = (x - view.w_p_c_m[0]) ** 2, (y - view.w_p_c_m[1]) ** 2
     below: Float32 | np.float32 = np.float32(view.height_m)
     # Jacobian determinant of a homography: det(H) / depth^3 (Hartley and Zisserman 2004, section 2.3). For
     # another height, det(H) is in proportion to the height of the camera over it.
     scale: Float32 | np.float32 = np.float32(abs(np.linalg.det(view.pixel_H_floor)))
     if height_m is not None:
         below = np.maximum(below - height_m, np.float32(1e-3))
-        squares = squares - np.float32(view.height_m**2) + below**2
         scale = scale * below / np.float32(view.height_m)
         # The camera itself has no depth, so that the depth of the floor below it tells the change.
         depth -= np.float32(view.pixel_H_floor[2] @ (*view.w_p_c_m[:2], 1.0) / view.height_m) * height_m
-    distance = np.sqrt(np.maximum(squares, below**2))
+    distance = np.sqrt((dx2[None] + dy2[:, None]).astype(np.float32) + below**2)
     seen = view.in_field(depth, distance) & (distance < below / np.cos(MAX_OFF_NADIR))
     resolution = np.sqrt(scale / np.where(seen, depth, np.float32(np.inf)) ** 3)
     return seen, below / distance, resolution

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from frontend.mosaic.canvas import SquareGrid
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
-from frontend.mosaic.surface import ground_maps
+from frontend.mosaic.surface import ground_heights, ground_maps
 from frontend.mosaic.view import Lattice, MosaicView, visible
 from frontend.workers import workers
 
@@ -192,7 +192,7 @@ def _patch(plan: MosaicPlan, pictures: Pictures, index: int, lattice: Lattice) -
     picture = pictures[index]
     if picture is None:
         return None
-    u, v = ground_maps(plan.camera, plan.views[index], lattice, plan.surface)
+    u, v = ground_maps(plan.camera, plan.views[index], lattice, ground_heights(plan.surface, lattice))
     bgr = cv2.remap(picture, *scaled(plan, picture, u, v), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY).astype(np.float32)
     return grey if grey.min() < grey.max() else None
