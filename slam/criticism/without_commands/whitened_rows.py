@@ -39,6 +39,8 @@ from slam.simulation.terms import CATALOGUE
 LONGEST_GAP_S = 0.15
 LEAST_SHARE = 0.05
 FAR_OFF = 5.0
+ONCE_MORE = 0.25
+"""Correlation of successive second differences of a twice integrated white noise."""
 
 
 @dataclass(frozen=True)
@@ -109,24 +111,28 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     left = np.clip(table[:, 0], *np.quantile(table[:, 0], [0.02, 0.98]))
     near = np.diff(place) == 1
     variance, next_one = float(np.mean(left**2)), float(np.mean((left[1:] * left[:-1])[near]))
-    shape = np.array([2.0, -1.0]) if averages.order == 1 else np.array([6.0, -4.0, 1.0])
-    of_ends = float(np.clip(next_one / shape[1], 0.0, (1 - LEAST_SHARE) * variance / shape[0]))
-    # Reading and integral both contain noise that is in the difference too; their weighted mean does not.
-    # Where there is little else in them, they are no evidence for a scale.
-    read = shape[0] * of_ends / variance
+    shape = np.array([2.0, -1.0, 0.0]) if averages.order == 1 else np.array([6.0, -4.0, 1.0])
+    of_white = np.array([1.0, 0.0 if averages.order == 1 else ONCE_MORE, 0.0])
+    of_ends = (of_white[1] * variance - next_one) / (of_white[1] * shape[0] - shape[1])
+    of_ends = float(np.clip(of_ends, 0.0, (1 - LEAST_SHARE) * variance / shape[0]))
+    apart = np.minimum(np.abs(place[:, None] - place), len(shape))
+    of_integral = np.append((variance - shape[0] * of_ends) * of_white, 0.0)[apart]
+    noise = of_integral + np.append(of_ends * shape, 0.0)[apart]
+    if BETWEEN_SAMPLES in names:
+        between = table[:, 1 + names.index(BETWEEN_SAMPLES)]
+        noise += np.outer(between, between) / 12.0
+    root = np.linalg.cholesky(noise)
+    inverse = solve_triangular(root, np.eye(len(root)), lower=True)
+    # Reading and integral both contain noise that is in the difference too; their weighted mean does not: the
+    # weights are the shares of their noise in white rows. Where there is little else in them, they are no
+    # evidence for a scale.
+    read = 1.0 - float(np.sum((inverse @ of_integral) * inverse)) / len(root)
     for k in [k for k, name in enumerate(names) if name + INTEGRATED in names]:
         beside = names.index(names[k] + INTEGRATED)
         moves = float(np.mean(table[:, 1 + k] * table[:, 1 + beside])) > variance
         both = (1.0 - read) * table[:, 1 + k] + read * table[:, 1 + beside]
         table[:, 1 + k] = both if moves else 0.0
-    apart = np.abs(place[:, None] - place)
-    banded = np.append(of_ends * shape, 0.0)[np.minimum(apart, len(shape))]
-    banded[np.diag_indices(len(banded))] += variance - shape[0] * of_ends
-    if BETWEEN_SAMPLES in names:
-        between = table[:, 1 + names.index(BETWEEN_SAMPLES)]
-        banded += np.outer(between, between) / 12.0
-    root = np.linalg.cholesky(banded)
-    white = solve_triangular(root, table, lower=True)
+    white = inverse @ table
     # Effects are no scatter, and no reason to leave rows out.
     mixed = [n for n in names if n + INTEGRATED in names or n.endswith(INTEGRATED)]
     own = [1 + k for k, n in enumerate(names) if n not in (*mixed, BETWEEN_SAMPLES)]
@@ -140,8 +146,8 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     effects = [n for n in names if not n.endswith(INTEGRATED) and n != BETWEEN_SAMPLES]
     traces = {n: white[:, 1 + names.index(n)] for n in effects}
     log_likelihood = -float(np.sum(np.log(scatter * np.diag(root))))
-    noise = scatter * float(np.sqrt(variance))
-    return WhitenedRows(kind, times_s, white[:, 0], traces, noise, averages, log_likelihood)
+    std = scatter * float(np.sqrt(variance))
+    return WhitenedRows(kind, times_s, white[:, 0], traces, std, averages, log_likelihood)
 
 
 SMALL = 0.2
