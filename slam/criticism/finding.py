@@ -62,7 +62,19 @@ class NameInDoubt(Finding):
     def _text(self) -> str:
         if not self.is_cause:
             return f"what looks like {self.effect} is something else"
-        return f"{self.effect} may be {' or '.join(self.others) or 'something else'}"
+        name = self.column if self.parameter else self.effect
+        return f"{name} may be {' or '.join(self.others) or 'something else'}"
+
+
+@dataclass(frozen=True)
+class ImplausibleSize(Finding):
+    """A term that would explain flights with a size that no usual instrument or vehicle has."""
+
+    value: float
+    unit: str
+
+    def _text(self) -> str:
+        return f"{self.column} would be {self.value:.2g}{spaced(self.unit)}, which is not plausible"
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from slam.data_quality.command_clock import clock_error
 from slam.data_quality.commands import log_apart
 from slam.data_quality.finding import Finding, flights_to_name
 from slam.data_quality.frozen import Frozen, frozen
+from slam.data_quality.jumps import jumps
 from slam.data_quality.oscillation import strongest_line
 from slam.data_quality.rounding import rounding
 
@@ -26,12 +27,13 @@ def stream_anomalies(flight: Flight) -> list[Finding]:
 
 
 def readings_in_words(flight: Flight) -> list[str]:
-    """Return a line for each anomaly of a flight's streams, for readings of another axis than their own, for
+    """Return a line for each anomaly of a flight's streams, for readings of another axis or that jump, for
     noise that is larger than stated, and for commands that are on another clock."""
     apart, late = log_apart(flight), clock_error(flight)
     return [
         *map(str, stream_anomalies(flight)),
         *map(str, wrong_axes(flight)[0]),
+        *map(str, jumps(flight)),
         *larger_noise([flight]),
         *([apart] if apart else []),
         *([str(late)] if late is not None and not apart else []),

@@ -147,8 +147,8 @@ def _doubled(t: Array, x: Array, size: float) -> Array:
 
 
 def _mirrored(t: Array, x: Array, size: float) -> Array:
-    """Mirror the values about their median in a share of the flight at its end."""
-    return np.where(t > t[-1] - size * np.ptp(t), 2.0 * np.nanmedian(x) - x, x)
+    """Mirror the values about the middle of their range in a share of the flight at its end."""
+    return np.where(t > t[-1] - size * np.ptp(t), np.nanmin(x) + np.nanmax(x) - x, x)
 
 
 ACCEL, GYRO = ("accel",), ("gyro",)

@@ -33,6 +33,8 @@ from slam.simulation.terms import CATALOGUE
 NAMED_FIRST = 0.8
 """Share of its nats that counts for a constant out of its range or a delayed reading, which must explain more
 than a term of the catalogue."""
+ONE_CLASS = 0.95
+"""Correlation beyond which two terms are alternatives."""
 PLAUSIBLE = 3.0
 """Greatest distance of a possible value from neutral, in greatest usual distances."""
 
@@ -100,7 +102,8 @@ class LikelihoodExpansion:
             effects = tested if isinstance(tested, tuple) else (tested,)
             if any(e.repeats(c) for e in effects for c in chosen):
                 continue
-            maximum = self.quadratic.maximise([*chosen, *effects])
+            judged = sum(len(e.columns) for e in effects)
+            maximum = self.quadratic.maximise([*chosen, *effects], judged=judged)
             wrong = any(backwards(e, self, maximum) for e in effects)
             nats = 0.0 if wrong else max(maximum.nats - base, 0.0)
             found.append(ScoreTest(effects[0], nats, self.quadratic.z(effects, maximum, nats), *effects[1:]))
@@ -157,6 +160,29 @@ def is_implausible(effect: Effect, parameters: FilterParameters, size: Array, re
         if max(values) < least or min(values) > most:
             return True
     return False
+
+
+def implausible_effect(
+    expansion: LikelihoodExpansion, chosen: Sequence[Effect], least_z: float
+) -> tuple[Effect, Array, float] | None:
+    """Return the term that would explain most beside the chosen effects with a size beyond what is plausible,
+    the size (columns,) in the catalogue's units, and its z, if that is at least ``least_z``; else None."""
+    base, most, found = expansion.quadratic.maximise(chosen).nats, 0.0, None
+    for effect in expansion.effects:
+        if not effect.is_term or any(map(effect.repeats, chosen)):
+            continue
+        # Two effects that look alike may be large together, one against the other.
+        if any(expansion.quadratic.correlation(effect, e) > ONE_CLASS for e in chosen):
+            continue
+        maximum = expansion.quadratic.maximise([*chosen, effect], judged=len(effect.columns))
+        size, covariance = expansion.fitted(effect, maximum)
+        far = is_implausible(effect, expansion.parameters, size, 2.0 * np.sqrt(np.diag(covariance)))
+        nats = maximum.nats - base - parameter_cost(len(effect.columns))
+        z = expansion.quadratic.z([effect], maximum, max(nats, 0.0))
+        if far and nats > most and z >= least_z:
+            each = [effect.in_catalogue_units(k, x, expansion.parameters) for k, x in enumerate(size)]
+            most, found = nats, (effect, np.array(each), z)
+    return found
 
 
 def ranked_pairs(

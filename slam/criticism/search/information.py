@@ -34,6 +34,8 @@ SEGMENT_S = 10.0
 ENOUGH_S = 200.0
 """Duration of the first flights for which the noise of healthy vehicles is changed: it shows in all alike."""
 PARTED = 0.1
+OVERLAPPING = 0.75
+"""Variance of a scatter over both of two ways to divide flights, as a share of that over one (Welch 1987)."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class FisherInformation:
     """Run of each flight under the parameters themselves."""
     readings: tuple[int, ...] = ()
     """Number of segments of readings, for each flight; one more holds its pictures."""
+    shifted: FisherInformation | None = None
+    """The same rows in segments that begin half a segment earlier; None where they are not known."""
 
     @staticmethod
     def of_rows(
@@ -74,13 +78,18 @@ class FisherInformation:
     @property
     def half_interval(self) -> float:
         """Half of a 95 % interval in standard errors, by Student's distribution over the segments."""
-        return float(student.ppf(0.975, max(len(self.score) - 1, 1)))
+        return float(student.ppf(0.975, max(self.independent - 1.0, 1.0)))
+
+    @property
+    def independent(self) -> float:
+        """Number of independent segments whose scatter would be as certain."""
+        return len(self.score) / (OVERLAPPING if self.shifted is not None else 1.0)
 
     def of(self, segments: Mask) -> FisherInformation:
         """Return score and information of some segments alone."""
         return replace(
             self, flight=self.flight[segments], information=self.information[segments],
-            score=self.score[segments], log_likelihood=self.log_likelihood[segments],
+            score=self.score[segments], log_likelihood=self.log_likelihood[segments], shifted=None,
         )  # fmt: skip
 
     def left_at(self, step: Array) -> Array:
@@ -94,9 +103,11 @@ class FisherInformation:
         is about chi-square if all are ``judged``, as Hotelling's. With one judged it is that of the interval
         of each parameter, however many others are fitted. Source: Bester, Conley and Hansen 2011.
         """
-        left = self.left_at(step)[:, free]
-        count = len(left)
-        between = plain @ (left.T @ left) @ plain * count / max(count - judged, 1)
+        every = [self] if self.shifted is None else [self, self.shifted]
+        lefts = [segments.left_at(step)[:, free] for segments in every]
+        between = plain @ np.mean([left.T @ left for left in lefts], axis=0) @ plain
+        between *= len(self.score) / max(len(self.score) - 1.0, 1.0)
+        between *= (self.independent - 1.0) / max(self.independent - judged, 1.0)
         wider = np.sqrt(np.maximum(np.diag(between) / np.diag(plain), 1.0))
         return np.asarray(plain * wider[:, None] * wider)
 

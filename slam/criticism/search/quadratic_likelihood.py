@@ -19,11 +19,13 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.fitted_parameters import GAIN_NUISANCES, NUISANCES, FittedParameter
 from slam.criticism.search.information import FisherInformation
-from slam.criticism.search.thresholds import deviate
+from slam.criticism.search.thresholds import deviate, robust_deviate, robust_sigmas
 
 EDGE = 0.05
 """Softness of the edge of a healthy range, as a share of its half width."""
 RIDGE = 1e-9
+NINE_OF_TEN = 1.28
+"""Standard deviations beyond a threshold that nine of ten cases exceed."""
 SEEN = 1e-16
 """Information below this is rounding error: the flights do not show the column."""
 
@@ -86,12 +88,12 @@ class QuadraticLikelihood:
         return np.array([name in relaxed for name in self.names], dtype=np.bool_)
 
     def maximise(
-        self, effects: Sequence[Effect], reach: dict[str, float] | None = None, alone: bool = False
+        self, effects: Sequence[Effect], reach: dict[str, float] | None = None, judged: int = 0
     ) -> Maximum:
         """Return the maximum for a set of terms.
 
         Columns in ``reach`` have a Gaussian prior about 0 with these standard deviations; all others are
-        free. With ``alone`` a cluster-robust covariance is that of the interval of each parameter by itself.
+        free. A cluster-robust covariance is that of ``judged`` parameters together, or of all if it is 0.
         """
         names = [c for e in effects for c in e.columns if c not in self.names]
         loose = self._among([c for e in effects for c in e.relaxes])
@@ -114,7 +116,7 @@ class QuadraticLikelihood:
         whole[free] = step
         robust = covariance
         if self.clusters is not None and len(free):
-            robust = self.clusters.scatter(free, whole, covariance, 1 if alone else len(free))
+            robust = self.clusters.scatter(free, whole, covariance, judged or len(free))
         return Maximum(nats, free, step, robust, whole, covariance)
 
     def z(self, effects: Sequence[Effect], maximum: Maximum, nats: float) -> float:
@@ -123,11 +125,30 @@ class QuadraticLikelihood:
         columns = [c for e in effects for c in e.columns]
         if self.clusters is None or nats == 0.0:
             return deviate(2 * nats, len(columns))
+        spread, free = self._spread(effects, maximum)
+        size, _ = maximum.of(self.index(columns))
+        return robust_deviate(float(size @ np.linalg.solve(spread, size)), len(size), free)
+
+    def _spread(self, effects: Sequence[Effect], maximum: Maximum) -> tuple[Array, float]:
+        """Return the covariance of effects' sizes with their tolerances, and its degrees of freedom.
+
+        White errors and tolerances are known; what segments scatter beyond them is estimated from these
+        (Satterthwaite 1946).
+        """
+        columns = self.index([c for e in effects for c in e.columns])
+        (_, robust), (_, known) = maximum.of(columns), maximum.of(columns, white=True)
         # The differences between segments are what a variance consists of: none means no variance.
-        white = all(is_variance(d) for e in effects for d in e.perturbations)
-        size, covariance = maximum.of(self.index(columns), white)
-        spread = covariance + np.diag([e.tolerance**2 for e in effects for _ in e.columns])
-        return float(np.sqrt(max(float(size @ np.linalg.solve(spread, size)) - (len(size) - 1), 0.0)))
+        if self.clusters is None or all(is_variance(d) for e in effects for d in e.perturbations):
+            robust = known
+        spread = robust + np.diag([e.tolerance**2 for e in effects for _ in e.columns])
+        share = float(np.max(np.diag(robust - known) / np.diag(spread)))
+        segments = np.inf if self.clusters is None else self.clusters.independent
+        return spread, (segments - len(columns)) / max(share, EDGE) ** 2
+
+    def shown_sizes(self, effect: Effect, z: float) -> Array:
+        """Return (columns,) sizes of an effect that nine of ten cases would show by a deviate of ``z``."""
+        spread, free = self._spread([effect], self.maximise([effect]))
+        return np.asarray((robust_sigmas(z, free) + NINE_OF_TEN) * np.sqrt(np.diag(spread)))
 
     def nats(self, effects: Sequence[Effect], beside: Sequence[Effect]) -> float:
         """Return the nats of a set; with clusters, as far as segments agree on its lead over ``beside``.

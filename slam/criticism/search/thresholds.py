@@ -12,7 +12,7 @@ from importlib import resources
 
 import numpy as np
 from scipy.special import ndtri_exp
-from scipy.stats import chi2
+from scipy.stats import chi2, f, norm
 
 from slam.simulation.terms import CATALOGUE
 
@@ -88,3 +88,19 @@ def deviate(chi_square: float, degrees: int) -> float:
         # Far out the tail of k degrees equals that of one up to a factor that hardly changes the root.
         return float(np.sqrt(max(chi_square - (degrees - 1) * np.log(max(chi_square, 2.0)), 0.0)))
     return float(-ndtri_exp(log_tail - np.log(2.0)))
+
+
+def robust_deviate(square: float, degrees: int, free: float) -> float:
+    """Return the normal deviate with the (two-sided) tail of Hotelling's ``square`` of ``degrees`` sizes.
+
+    Their variances are known to ``free`` degrees of freedom; it is 0 where there are none.
+    """
+    if free <= 0.0:
+        return 0.0
+    log_tail = float(f.logsf(square / degrees, degrees, free))
+    return float(-ndtri_exp(log_tail - np.log(2.0))) if log_tail > -np.inf else deviate(square, degrees)
+
+
+def robust_sigmas(z: float, free: float) -> float:
+    """Return the standard errors by which one size stands out with a normal deviate of ``z``."""
+    return float(np.sqrt(f.isf(2.0 * norm.sf(z), 1, free))) if free > 0.0 else np.inf

@@ -166,7 +166,7 @@ def fitted_sizes(
 
     The intervals include chance, widened by the scatter of simulated singles, and the equation's own misfit.
     """
-    size, covariance = expansion.fitted(effect, expansion.quadratic.maximise(chosen, alone=True))
+    size, covariance = expansion.fitted(effect, expansion.quadratic.maximise(chosen, judged=1))
     clusters = expansion.quadratic.clusters
     wide = WIDE * SCATTER if clusters is None else clusters.half_interval
     found = {}

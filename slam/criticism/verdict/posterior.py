@@ -15,15 +15,22 @@ import numpy as np
 from scipy.special import softmax
 
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand, ranked_pairs
+from slam.criticism.search.expansion import ONE_CLASS, LikelihoodExpansion, ScoreTest, expand, ranked_pairs
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.search import LINEAR_Z, SearchResult, with_term_replaced
-from slam.criticism.search.thresholds import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, parameter_cost
+from slam.criticism.search.thresholds import (
+    KNOWN,
+    ONE_OF_ALL,
+    UNKNOWN,
+    VERY_SIMILAR_NATS,
+    parameter_cost,
+    similar_nats,
+)
 
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
-ONE_CLASS, CLASS_NATS = 0.95, 10.0
-"""Correlation beyond which two terms are alternatives, unless one leads by more nats than its form explains.
-Of such a lead the share VERY_SIMILAR_NATS / CLASS_NATS counts in the probabilities: an alternative is never
+CLASS_NATS = 10.0
+"""Lead in nats of one of two terms that look alike (``ONE_CLASS``), beyond which its form is evidence for it.
+Of a lesser one the share VERY_SIMILAR_NATS / CLASS_NATS counts in the probabilities: an alternative is never
 beside a probability of 1.00."""
 SAME_TRACE = 0.9
 """Correlation beyond which a pattern counts as a term itself: a range by the climb rate is a lag."""
@@ -182,6 +189,36 @@ def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Plac
     lead_nats = 0.0 if tied else min((lead for lead, _ in best.values()), default=np.inf)
     rival = next(iter([*near, *tied, *best]), "")
     return Place((term.name, *near, *tied), lead_nats, rival, tuple(weights), tied, near)
+
+
+def alternatives_to_components(found: SearchResult) -> list[tuple[Effect, str, str]]:
+    """Return components of chosen vectors that another term explains as well: term, parameter, and the other.
+
+    Over a hover a constant error of the vertical acceleration is a scale as well, whatever is known of the
+    other two components.
+    """
+    quadratic, alike = found.last.quadratic, []
+    names = {e.name for e in found.chosen}
+    others = [e for e in found.last.effects if e.is_term and len(e.columns) == 1 and e.name not in names]
+    for effect in (e for e in found.chosen if e.is_term and len(e.columns) == len(e.perturbations) > 1):
+        own = quadratic.maximise(found.chosen).nats
+        for k, parameter in enumerate(effect.parameters):
+            one = replace(effect, perturbations=effect.perturbations[k : k + 1], parameters=(parameter,))
+            moved = (*effect.perturbations[:k], *effect.perturbations[k + 1 :])
+            rest = replace(
+                effect, perturbations=moved, parameters=(*effect.parameters[:k], *effect.parameters[k + 1 :])
+            )
+            beside = [*(e for e in found.chosen if e is not effect), rest]
+            explained = own - quadratic.maximise(beside).nats
+            least = own - max(CLASS_NATS, similar_nats(np.sqrt(2.0 * explained)))
+            alike += [
+                (effect, parameter, other.name)
+                for other in others
+                if explained > CLASS_NATS
+                and quadratic.correlation(one, other, beside) > ONE_CLASS
+                and quadratic.nats([*beside, other], found.chosen) > least
+            ]
+    return alike
 
 
 def likeliest(found: SearchResult, posterior: Posterior) -> SearchResult:

@@ -11,15 +11,13 @@ import numpy as np
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import AT
-from slam.criticism.search.quadratic_likelihood import SEEN
+from slam.criticism.search.quadratic_likelihood import NINE_OF_TEN, SEEN
 from slam.criticism.verdict.criticism import CORRELATION_DIGITS
 from slam.simulation.terms import CATALOGUE
 
 CONFUSED = 0.9
 LEAST_SHARE = 1e-6
 """Least share of a column's information that the nuisances must leave for it to be seen."""
-NINE_OF_TEN = 1.28
-"""Standard deviations beyond a threshold that nine of ten cases exceed."""
 
 
 def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tuple[float, str]]:
@@ -28,10 +26,10 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
     for effect in expansion.effects:
         if not effect.is_term or effect.is_profiled:
             continue
-        _, covariance = expansion.fitted(effect, expansion.quadratic.maximise([effect]))
+        sizes = expansion.quadratic.shown_sizes(effect, threshold)
         # The component of a vector that shows least decides.
-        k = int(np.argmax(np.diag(covariance)))
-        size = (threshold + NINE_OF_TEN) * float(np.hypot(np.sqrt(covariance[k, k]), effect.tolerance))
+        k = int(np.argmax(sizes))
+        size = float(sizes[k])
         value, neutral = (effect.in_catalogue_units(k, x, expansion.parameters) for x in (size, 0.0))
         value = abs(value - neutral)
         parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])

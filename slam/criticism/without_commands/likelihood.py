@@ -7,6 +7,7 @@ within which errors may be correlated. Pictures are further rows, beside the pat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -81,9 +82,10 @@ def begin_of(rows: Sequence[WhitenedRows], otherwise_s: float = 0.0) -> float:
     return min((float((r.averages or r).times_s[0]) for r in rows), default=otherwise_s)
 
 
-def segments_of(rows: FlightRows, segment_s: float) -> tuple[Ints, Array, Ints]:
-    """Return (segments, 2) flight and number, (segments,) begin in s, and (rows,) the segment of each row."""
-    begin_s = np.array([begin_of(found) for found in rows])
+def segments_of(rows: FlightRows, segment_s: float, before_s: float = 0.0) -> tuple[Ints, Array, Ints]:
+    """Return (segments, 2) flight and number, (segments,) begin in s, and (rows,) the segment of each row.
+    The first segments begin ``before_s`` before the flights."""
+    begin_s = np.array([begin_of(found) - before_s for found in rows])
     flight = np.concatenate([np.full(len(r.off), k) for k, found in enumerate(rows) for r in found])
     times_s = np.concatenate([r.times_s for found in rows for r in found])
     number = segment_numbers(times_s, begin_s[flight], segment_s)
@@ -91,9 +93,11 @@ def segments_of(rows: FlightRows, segment_s: float) -> tuple[Ints, Array, Ints]:
     return labels, begin_s[labels[:, 0]] + segment_s * labels[:, 1], segment
 
 
-def fisher_of(rows: FlightRows, columns: Sequence[str], segment_s: float = SEGMENT_S) -> FisherInformation:
+def fisher_of(
+    rows: FlightRows, columns: Sequence[str], segment_s: float = SEGMENT_S, before_s: float = 0.0
+) -> FisherInformation:
     """Return score and information of the rows' columns, and of each once more as it grows with time."""
-    labels, _, segment = segments_of(rows, segment_s)
+    labels, _, segment = segments_of(rows, segment_s, before_s)
     off = np.concatenate([r.off for flight in rows for r in flight])
     table = table_of(rows, columns)
     table = np.column_stack([table, table * _minutes(rows)[:, None]])
@@ -111,7 +115,8 @@ def _minutes(rows: FlightRows) -> Array:
 def likelihood_of(rows: FlightRows, parameters: FilterParameters) -> SearchResult:
     """Return the likelihood of the rows with every effect, before any is chosen."""
     columns = columns_of(rows)
-    fisher = fisher_of(rows, columns)
+    shifted = fisher_of(rows, columns, before_s=0.5 * SEGMENT_S)
+    fisher = replace(fisher_of(rows, columns), shifted=shifted)
     effects = _effects(columns)
     expansion = LikelihoodExpansion(
         parameters=parameters,

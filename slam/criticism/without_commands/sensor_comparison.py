@@ -6,26 +6,31 @@ inflated process noise, which constrain nothing. It gives the motion that all in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from frontend.cores import in_threads
+from slam.core.arrays import Array, Ints
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.reprojection import without_mismatched_pairs
-from slam.criticism.cause import Cause
+from slam.criticism.cause import Cause, ChannelError
 from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record, moving_from, record_of
 from slam.criticism.kalman.transition import HOLD
 from slam.criticism.residuals.reading_anomalies import reading_anomalies, without_dead_zone
-from slam.criticism.without_commands.likelihood import Sizes, begin_of, picture_rows
-from slam.criticism.without_commands.whitened_rows import WhitenedRows, inertial_residuals
-from slam.data_quality.inertial_comparison import near_floor
+from slam.criticism.search.information import SEGMENT_S
+from slam.criticism.search.search import SearchResult
+from slam.criticism.verdict.held_out import parts_of
+from slam.criticism.without_commands.likelihood import Sizes, begin_of, picture_rows, segments_of
+from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows, inertial_residuals
+from slam.data_quality.inertial_comparison import NODE_S, Averages, near_floor, segment_numbers
 from slam.data_quality.pictures.feature_matches import FeatureMatches, match_all_pictures
 from slam.simulation.model import Model
+from slam.simulation.replay.compare import HORIZONS_S
 
 PROCESS_NOISE = {
     "tilt_std_rad": 0.3, "tilt_time_s": 0.2, "yaw_rate_std_rad_s": 1.5, "yaw_rate_time_s": 0.2,
@@ -117,3 +122,52 @@ def airborne_record(flight: Flight) -> Record | None:
     if end_s - begin_s < SHORTEST_S:
         return None
     return moving_from(record, begin_s, end_s)
+
+
+def channel_errors(found: SearchResult, rows: FlightRows, by: str) -> tuple[ChannelError, ...]:
+    """Return root mean square errors over each horizon, before and after the sizes of the chosen terms are
+    removed from each part, as all others give them; parts are ``by`` flight or segment."""
+    part, _ = parts_of(found.last.fisher.flight)
+    terms = [e.name for e in found.chosen if e.is_term]
+    of_part = {k: found.last.over(part != k).sizes(found.chosen) for k in np.unique(part).tolist()}
+    sizes: list[dict[int, Sizes]] = [{} for _ in rows]
+    for (flight, number), k in zip(segments_of(rows, SEGMENT_S)[0].tolist(), part.tolist(), strict=True):
+        sizes[flight][number] = {c: x for c, x in of_part[k].items() if c.rpartition(".")[0] in terms}
+    squares: dict[tuple[str, str, float], list[Array]] = {}
+    for of_flight, of_segment in zip(rows, sizes, strict=True):
+        for averages in (r.averages for r in of_flight if r.averages is not None):
+            segment = segment_numbers(averages.times_s, begin_of(of_flight), SEGMENT_S)
+            for horizon in HORIZONS_S:
+                apart = _errors_of(averages, horizon, segment, of_segment, by == "flight")
+                squares.setdefault((averages.channel, averages.unit, horizon), []).append(apart**2)
+    errors = []
+    for (channel, unit, horizon), of in squares.items():
+        pooled = np.concatenate(of)
+        if len(pooled):
+            before, after = np.sqrt(pooled.mean(axis=0))
+            errors.append(ChannelError(channel, unit, horizon, float(before), float(after)))
+    return tuple(sorted(errors, key=lambda e: e.horizon_s))
+
+
+def _errors_of(
+    averages: Averages, horizon_s: float, segment: Ints, sizes: Mapping[int, Sizes], whole_flight: bool
+) -> Array:
+    """Return errors (n, 2) before and after, from every moment whose horizon lies within one part. ``sizes``
+    are those of each ``segment`` (moments,)."""
+    ahead = round(horizon_s / NODE_S)
+    last = len(averages.times_s) - ahead
+    if last < 1 or ahead % averages.order:
+        return np.zeros((0, 2))
+    lost = np.concatenate([[0], np.cumsum(~averages.whole)])
+    kept = (lost[ahead + 1 :] == lost[:last]) & (averages.pause[ahead:] == averages.pause[:last])
+    kept &= whole_flight | (segment[ahead:] == segment[:last])
+    kept &= np.isin(segment[:last], list(sizes))
+    apart = averages.table[ahead:] - averages.table[:last]
+    if averages.order == 2:
+        apart -= 2.0 * (averages.table[ahead // 2 : last + ahead // 2] - averages.table[:last])
+    explained = np.zeros(last)
+    for number, of in sizes.items():
+        own = segment[:last] == number
+        for name, size in of.items():
+            explained[own] += size * apart[own, averages.column(name)] if name in averages.names else 0.0
+    return np.asarray(np.column_stack([apart[:, 0], apart[:, 0] - explained])[kept])

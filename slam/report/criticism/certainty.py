@@ -106,7 +106,7 @@ def drifting(result: Criticism) -> list[Cause]:
 def likeness_of_rival(cause: Cause, result: Criticism) -> float:
     """Return the likeness of a cause and its fair rival where both have nearly the same course over these
     flights; else 0."""
-    from slam.criticism.verdict.posterior import ONE_CLASS
+    from slam.criticism.search.expansion import ONE_CLASS
 
     pair = {cause.name, cause.fair_rival}
     likeness = max((c for a, b, c in result.confusable if {a, b} == pair), default=0.0)

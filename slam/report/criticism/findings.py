@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from slam.core.units import everyday, spaced, to_error
 from slam.criticism.finding import (
+    ImplausibleSize,
     Inconsistency,
     LateReadings,
     NameInDoubt,
@@ -153,6 +154,8 @@ def _words(finding: Finding, result: Criticism) -> str:
             return f"{finding.effect} may be an effect that the catalogue does not hold"
         case NameInDoubt(is_cause=True):
             return f"{finding} instead: both have similar effects in these flights"
+        case ImplausibleSize():
+            return f"{replace(finding, z=0.0)}: something else has the same effect ({by})"
     return str(finding)
 
 

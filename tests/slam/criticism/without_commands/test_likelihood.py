@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.without_commands.likelihood import IN_TIME, likelihood_of
@@ -15,14 +16,21 @@ NAMES = ("gyro_bias.x", "accel_bias.x", "sonar_scale.eps", "gyro_scale.eps", "so
 
 
 def comparison(columns, off, scale=1.0):
-    """Return the search over as many segments of one flight as a minute has."""
-    times_s = np.repeat(10.0 * np.arange(SEGMENTS), ROWS)
+    """Return the search over as many segments of one flight as a minute has, with its rows."""
+    times_s = 0.5 * np.arange(SEGMENTS * ROWS)
     rows = WhitenedRows("attitude", times_s, scale * off, columns, 1.0, None)
     return likelihood_of([[rows]], filter_parameters_of(load_model("nominal")))
 
 
 def drawn(rng, names=NAMES):
     return {name: rng.standard_normal(SEGMENTS * ROWS) for name in names}
+
+
+def lasting(rng, columns=1):
+    """Return (rows, columns) errors with a correlation time of half a second, and a variance of 1."""
+    kept = np.exp(-0.5 / 0.5)
+    noise = np.sqrt(1.0 - kept**2) * rng.standard_normal((100 + SEGMENTS * ROWS, columns))
+    return lfilter([1.0], [1.0, -kept], noise, axis=0)[100:]
 
 
 def test_sizes_and_nats_are_those_of_least_squares_over_all_rows():
@@ -41,7 +49,7 @@ def test_sizes_and_nats_are_those_of_least_squares_over_all_rows():
 def test_the_error_that_grows_with_time_is_a_pattern_of_its_own():
     rng = np.random.default_rng(2)
     columns = drawn(rng, NAMES[:1])
-    minutes = np.repeat(np.arange(SEGMENTS) - (SEGMENTS - 1) / 2.0, ROWS) / 6.0
+    minutes = 0.5 / 60.0 * (np.arange(SEGMENTS * ROWS) - (SEGMENTS * ROWS - 1) / 2.0)
     found = comparison(columns, 3.0 * columns[NAMES[0]] * minutes)
     (growing,) = found.last.patterns
     assert growing.name == "gyro_bias" + IN_TIME
@@ -51,31 +59,51 @@ def test_the_error_that_grows_with_time_is_a_pattern_of_its_own():
 @pytest.mark.slow
 @pytest.mark.parametrize("beside", [0, 4])
 def test_an_interval_covers_its_size_however_many_others_are_fitted(beside):
-    """An error of the size that differs between segments: 95 % of the intervals hold the common size."""
+    """An error of the size that comes and goes: 95 % of the intervals hold the common size."""
     rng = np.random.default_rng(3)
     columns = drawn(rng, NAMES[: 1 + beside])
     inside = 0
     for _ in range(DRAWS):
-        varying = np.repeat(rng.standard_normal(SEGMENTS), ROWS)
-        off = columns[NAMES[0]] * varying + rng.standard_normal(SEGMENTS * ROWS)
+        off = columns[NAMES[0]] * lasting(rng)[:, 0] + rng.standard_normal(SEGMENTS * ROWS)
         last = comparison(columns, off).last
-        maximum, half = (
-            last.quadratic.maximise(last.effects, alone=True),
-            last.quadratic.clusters.half_interval,
-        )
+        maximum = last.quadratic.maximise(last.effects, judged=1)
+        half = last.quadratic.clusters.half_interval
         inside += abs(maximum.step[0]) < half * np.sqrt(maximum.covariance[0, 0])
     print(f"{beside} others fitted: {inside / DRAWS:.3f} of the intervals hold the size")
     assert 0.93 < inside / DRAWS < 0.97
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scattered", [0.0, 0.5, 3.0])
+@pytest.mark.parametrize("count", [1, 3])
+def test_how_far_an_effect_stands_out_is_a_normal_deviate(count, scattered):
+    """Where there is none, few segments make no more of it than chance does, whatever its errors scatter."""
+    rng = np.random.default_rng(7)
+    z = []
+    for _ in range(DRAWS):
+        columns = drawn(rng, [f"gyro_bias.{axis}" for axis in "xyz"[:count]])
+        off = np.sum(scattered * lasting(rng, count) * np.column_stack(list(columns.values())), axis=1)
+        last = comparison(columns, off + rng.standard_normal(SEGMENTS * ROWS)).last
+        z.append(last.score_tests([], last.effects)[0].z)
+    beyond = [float(np.mean(np.array(z) > limit)) for limit in (1.0, 2.0, 3.0)]
+    print(
+        f"{count} sizes, scatter {scattered:g}: z is greater than 1, 2, 3 in {beyond}; by chance 0.317, 0.046"
+    )
+    assert 0.15 < beyond[0] < 0.36
+    assert beyond[1] < 0.06
+    assert beyond[2] < 0.01
 
 
 def test_parameters_that_are_judged_together_count_as_many_segments_less():
     """Seven segments say less about three parameters at once than about each of them."""
     rng = np.random.default_rng(4)
     columns = drawn(rng, [f"gyro_bias.{axis}" for axis in "xyz"])
-    varying = np.repeat(rng.standard_normal((SEGMENTS, 3)), ROWS, axis=0)
-    last = comparison(columns, np.sum(varying * np.column_stack(list(columns.values())), axis=1)).last
-    alone, together = (last.quadratic.maximise(last.effects, alone=a).covariance for a in (True, False))
-    np.testing.assert_allclose(np.diag(together) / np.diag(alone), 6.0 / 4.0)
+    off = np.sum(10.0 * lasting(rng, 3) * np.column_stack(list(columns.values())), axis=1)
+    last = comparison(columns, off).last
+    alone, together = (last.quadratic.maximise(last.effects, judged=k).covariance for k in (1, 3))
+    segments = last.fisher.independent
+    assert SEGMENTS < segments < 1.5 * SEGMENTS
+    np.testing.assert_allclose(np.diag(together) / np.diag(alone), (segments - 1.0) / (segments - 3.0))
 
 
 def test_an_effect_in_anothers_place_counts_for_what_it_explains_there():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.finding import (
+    ImplausibleSize,
     Inconsistency,
     LateReadings,
     NameInDoubt,
@@ -19,6 +20,7 @@ from slam.criticism.finding import (
 from slam.criticism.verdict.criticism import Criticism
 from slam.data_quality.finding import Finding, Remark, flights_to_name
 from slam.data_quality.frozen import Frozen
+from slam.data_quality.jumps import Jump
 from slam.data_quality.oscillation import Line, Vibration
 from slam.data_quality.rounding import Rounding
 from slam.report.criticism.findings import concerned, in_words
@@ -73,6 +75,21 @@ EACH: tuple[tuple[Finding, str, str, str], ...] = (
         NameInDoubt(("control_latency",), effect="attitude_lag"),
         "attitude_lag may be control_latency",
         "may be control_latency instead", "",
+    ),
+    (
+        NameInDoubt(("accel_scale",), effect="accel_bias", parameter="z"),
+        "accel_bias.z may be accel_scale",
+        "may be accel_scale instead", "the accelerometer",
+    ),
+    (
+        ImplausibleSize(0.117, "1", effect="gyro_scale", parameter="eps", z=12.3),
+        "gyro_scale.eps would be 0.12, which is not plausible (z = 12.3)",
+        "which is not plausible: something else has the same effect", "the gyro",
+    ),
+    (
+        Jump(143.5, "deg", 11.3, 2, channel="yaw"),
+        "yaw jumps by 144 deg at 11.3 s, where the gyro shows no such change; so it does 2 times",
+        "yaw jumps by", "the heading",
     ),
     (
         NameInDoubt(effect="timestamp_jitter"),

@@ -1,0 +1,71 @@
+"""Jumps of readings that the imu does not show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from slam.data_quality.jumps import jumps
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
+from slam.simulation.model import load_model
+
+
+@cache
+def flown():
+    model = load_model("nominal")
+    plan = stick_for(
+        ["brisk climb steps at full stick", "three speeds to the side: 0.1, 0.2, 0.4", "hover for 8 s"]
+    )
+    return simulate_flight(model, plan, 3)
+
+
+def moved(stream, field, column, size, where):
+    """Return the flight with a column of a stream shifted where it holds."""
+    series = getattr(flown(), stream)
+    values = getattr(series, field).copy()
+    values[where(series.stamps_s), column] += size
+    return replace(flown(), **{stream: replace(series, **{field: values})})
+
+
+def test_a_flight_that_moves_and_turns_has_no_jump():
+    assert jumps(flown()) == []
+
+
+@pytest.mark.parametrize(
+    ("stream", "field", "column", "size", "channel", "told"),
+    [
+        ("velocity", "v_m_s", 0, 1.0, "velocity", 1.0),
+        ("velocity", "v_m_s", 1, -1.0, "velocity", 1.0),
+        ("attitude", "roll_pitch_yaw_rad", 2, 0.5, "yaw", np.degrees(0.5)),
+        ("attitude", "roll_pitch_yaw_rad", 0, -0.2, "roll", np.degrees(0.2)),
+    ],
+)
+def test_a_reset_is_told_with_its_size_and_its_moment(stream, field, column, size, channel, told):
+    at_s = flown().imu.stamps_s[0] + 15.0
+    (jump,) = jumps(moved(stream, field, column, size, lambda t: t > at_s))
+    assert (jump.channel, jump.count) == (channel, 1)
+    assert jump.size == pytest.approx(told, rel=0.2)
+    assert jump.time_s == pytest.approx(at_s, abs=0.2)
+
+
+def test_single_wrong_readings_are_no_jump():
+    assert jumps(moved("velocity", "v_m_s", 0, 3.0, lambda t: np.arange(len(t)) % 200 == 50)) == []
+
+
+def test_two_jumps_are_counted():
+    begin_s = flown().imu.stamps_s[0]
+    (jump,) = jumps(moved("velocity", "v_m_s", 0, 1.0, lambda t: (t > begin_s + 8.0) & (t < begin_s + 16.0)))
+    assert jump.count == 2
+
+
+def test_a_flight_that_is_too_short_has_none():
+    flight = flown()
+    begin_s = flight.imu.stamps_s[0]
+    velocity = flight.velocity
+    kept = velocity.stamps_s < begin_s + 1.2
+    short = replace(velocity, stamps_s=velocity.stamps_s[kept], v_m_s=velocity.v_m_s[kept])
+    assert jumps(replace(flight, velocity=short)) == []
