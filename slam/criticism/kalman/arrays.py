@@ -148,8 +148,6 @@ class NoiseChangeArrays(NamedTuple):
     """(c, n) change of the mean over a step by another decay."""
     matrix: Array
     """(n, n) buffer: transition, ..."""
-    q: Array
-    """(n, n) ... process noise, ..."""
     work: Array
     """(10, c) ... a product, ..."""
     ph: Array

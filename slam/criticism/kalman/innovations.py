@@ -14,34 +14,12 @@ from itertools import pairwise
 import numpy as np
 
 from slam.core.arrays import Array, Ints, Mask
-from slam.criticism.kalman.arrays import FilterRun
 from slam.criticism.kalman.filter import IGNORED, USED, Z_STD, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.kernel_inputs import (
-    Perturbation,
-    Signal,
-    filter_inputs,
-    history_for,
-    initial_state,
-    noise_changes_for,
-    observable_noise,
-    outputs_for,
-    workspace_for,
-)
-from slam.criticism.kalman.noise import ar1_noise_for
-from slam.criticism.kalman.readings import (
-    CHANNEL_AT,
-    CHANNELS,
-    IMU,
-    INSTRUMENT_OF,
-    NO_CHANNEL,
-    STATES,
-    STATES_WITH_GUSTS,
-    place_of,
-)
+from slam.criticism.kalman.kernel_inputs import Perturbation, Signal, filter_run, observable_noise
+from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL, place_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.steps import GATE
-from slam.criticism.kalman.transition import GUST_STD
 from slam.simulation.dynamics import GEAR, UP, Z
 
 CONTACT_S = 0.3
@@ -136,21 +114,9 @@ class Run:
         keeps_history: bool = False,
     ) -> None:
         """``changed`` are parameters with slightly different noise; see ``noise``."""
-        parameters, *changed = (observable_noise(record, p) for p in (parameters, *changed))
-        gusty = any(p.hold[GUST_STD] > 0 for p in (parameters, *changed))
-        n = STATES_WITH_GUSTS if gusty else STATES
-        m = len(perturbations)
-        coloured, events = ar1_noise_for(record, parameters, n, m, changed), len(record.times_s)
         self._record = record
-        self._filtered = FilterRun(
-            filter_inputs(record, parameters, perturbations, signals or {}, n),
-            initial_state(record, parameters, n, m),
-            *workspace_for(n, m),
-            outputs_for(events),
-            coloured,
-            noise_changes_for(record, parameters, changed, coloured),
-            history_for(events * keeps_history, n, m),
-        )
+        observable = [observable_noise(record, p) for p in (parameters, *changed)]
+        self._filtered = filter_run(record, observable, perturbations, signals or {}, keeps_history)
         self.history = self._filtered.history
         """Estimates around each event, if the run keeps them."""
 

@@ -17,12 +17,23 @@ from slam.core.arrays import Array, Ints
 from slam.criticism.kalman import arrays
 from slam.criticism.kalman.arrays import Ar1Noise, CommandArrays, PerturbationArrays
 from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters
-from slam.criticism.kalman.noise import WHITE
-from slam.criticism.kalman.readings import CHANNELS, IMU, INSTRUMENT_OF, MOVING, READ_BY, TARGET, WIDTH
+from slam.criticism.kalman.noise import WHITE, ar1_noise_for
+from slam.criticism.kalman.readings import (
+    CHANNELS,
+    IMU,
+    INSTRUMENT_OF,
+    MOVING,
+    READ_BY,
+    STATES,
+    STATES_WITH_GUSTS,
+    TARGET,
+    WIDTH,
+)
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ENTRIES, ON_CHANNEL, STICKS
 from slam.criticism.kalman.transition import (
     FULL,
+    GUST_STD,
     GUST_TIME,
     HOLD,
     NOISES,
@@ -236,7 +247,7 @@ def noise_changes_for(
     return arrays.NoiseChangeArrays(
         hold, (hold[:, times] == parameters.hold[times]).all(axis=1), variance,
         np.array([own.jitter_s for own in changed], dtype=np.float64), growth, p, np.zeros((n, c)), noises,
-        spoilt, *_zeros(n, (c, n), (n, n), (n, n), (MOVING, c), n, 0),
+        spoilt, *_zeros(n, (c, n), (n, n), (MOVING, c), n, 0),
     )  # fmt: skip
 
 
@@ -266,17 +277,28 @@ def workspace_for(
     )  # fmt: skip
 
 
-def outputs_for(events: int) -> arrays.KalmanOutputs:
-    """Return arrays for the results of events; those for readings with sensitivities are still empty."""
+def filter_run(
+    record: Record, noises: Sequence[FilterParameters], perturbations: Sequence[Perturbation],
+    signals: dict[str, Signal], keeps_history: bool,
+) -> arrays.FilterRun:  # fmt: skip
+    """Return a run before the first reading, under the first of some parameters that differ in their noise.
+
+    Its outputs for readings with sensitivities are still empty.
+    """
+    parameters, *changed = noises
+    n = STATES_WITH_GUSTS if any(p.hold[GUST_STD] > 0 for p in noises) else STATES
+    m, events = len(perturbations), len(record.times_s)
+    coloured = ar1_noise_for(record, parameters, n, m, changed)
     none, missing = np.empty((0, 0)), np.full((2, events, 6), np.nan)
-    return arrays.KalmanOutputs(
+    outputs = arrays.KalmanOutputs(
         missing[0], missing[1], np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)),
         none, none, none, np.zeros(1, dtype=np.int64),
     )  # fmt: skip
-
-
-def history_for(events: int, n: int, m: int) -> arrays.PathHistory:
-    """Return arrays for the estimates around events, with n states and m perturbations."""
-    x, p, t = (events, n), (events, n, n), (events, n, m)
+    kept = events * keeps_history
+    x, p, t = (kept, n), (kept, n, n), (kept, n, m)
     history = arrays.PathHistory(*_zeros(x, x, p, p, t, t, p))
-    return history._replace(moves=np.tile(np.eye(n), (events, 1, 1)))
+    return arrays.FilterRun(
+        filter_inputs(record, parameters, perturbations, signals, n), initial_state(record, parameters, n, m),
+        *workspace_for(n, m), outputs, coloured, noise_changes_for(record, parameters, changed, coloured),
+        history._replace(moves=np.tile(np.eye(n), (kept, 1, 1))),
+    )  # fmt: skip

@@ -166,8 +166,8 @@ def predict_changes(h: float, step: StepBuffers, changes: NoiseChangeArrays) -> 
                 slower[i] = 0.0
                 for k in range(TARGET, n):
                     slower[i] += (matrix[i, k] - step.matrix[i, k]) * (before[k] + shift[k, c])
-        process_noise(changes.hold[c], matrix, changes.q)
-        covariance_step(h, p, step.slopes, matrix, changes.q, step.work)
+        process_noise(changes.hold[c], matrix, step.q)
+        covariance_step(h, p, step.slopes, matrix, step.q, step.work)
         for i in range(MOVING):
             p[i, i] += step.contact_variance[i]
             if step.late_stick_noise[i] != 0.0:

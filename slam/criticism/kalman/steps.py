@@ -27,12 +27,11 @@ from slam.criticism.kalman.transition import (
     jacobian,
     mean_step,
     process_noise,
+    split_state,
     transition,
 )
 from slam.simulation.dynamics import (
     GEAR,
-    HOLD_X,
-    HOLD_Y,
     PITCH,
     ROLL,
     UP,
@@ -90,9 +89,7 @@ def predict(s: int, filtered: FilterRun) -> None:
         full, other, moved, late = scratch.full, scratch.nudged_rate, scratch.stick, step.late_stick_noise
         for i in range(len(stick)):
             moved[i] = stick[i] + jump[i]
-        for i in range(MOVING):
-            full[i] = state[i]
-        full[HOLD_X], full[HOLD_Y] = state[X], state[Y]
+        split_state(state, full, scratch.noise)
         derivative(full, stick, step.middle_noise, model.parameters, step.rate)
         derivative(full, moved, step.middle_noise, model.parameters, other)
         for i in range(MOVING):
