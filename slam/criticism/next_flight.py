@@ -51,9 +51,7 @@ MOST_TIMES = 3
 """Greatest number of flights that are advised: a motion that has to be flown more often is no advice."""
 
 
-def next_flight(
-    records: Sequence[Record], model: Model, found: SearchResult, posterior: Posterior, progress: Progress
-) -> str:
+def next_flight(model: Model, found: SearchResult, posterior: Posterior, progress: Progress) -> str:
     """Return advice on the next flight, in a sentence, for the first pair of a chosen term and an alternative
     that a manoeuvre separates; empty where there is no such pair.
 
@@ -65,8 +63,8 @@ def next_flight(
         for effect, place in zip(found.chosen, posterior.places, strict=True)
         for name in place.names[1:]
     ]
-    kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
-    seen = next((record.matches for record in records if record.matches is not None), None)
+    kinds = {int(kind) for record in found.records for kind in np.unique(record.kinds)}
+    seen = next((record.matches for record in found.records if record.matches is not None), None)
     advised = ""
     for least, effect, name in sorted(pairs, key=lambda pair: -pair[0])[:MOST_PAIRS]:
         if least < PRINTED:
@@ -220,8 +218,7 @@ def advice(
             f"{NONE} distinguishes {first} from {second} in {MOST_TIMES} flights; another "
             f"sensor is needed. The best is to {motions[best]}: {sigma[best]:.1f} sigma a time."
         )
-    few = np.flatnonzero(times <= MOST_TIMES)
-    best = int(few[np.argmin(times[few] * np.array(took_s)[few])])
+    best = int(np.argmin(np.where(times <= MOST_TIMES, times * np.array(took_s), np.inf)))
     often = f"{'once, for' if times[best] == 1 else f'{times[best]:.0f} times, each'} {took_s[best]:.0f} s"
     return f"To distinguish {first} from {second} {motions[best]} {often}: {sigma[best]:.1f} sigma a time."
 

@@ -20,15 +20,7 @@ from slam.criticism.kalman.filter_parameters import (
     filter_parameters_of,
 )
 from slam.criticism.kalman.innovations import referred
-from slam.criticism.kalman.readings import (
-    ATTITUDE,
-    CHANNELS,
-    SONAR,
-    STREAMS,
-    VELOCITY,
-    by_channel,
-    channels_of,
-)
+from slam.criticism.kalman.readings import CHANNELS, IMU, STREAMS, by_channel, channels_of
 from slam.criticism.kalman.record import LONGEST_GAP_S, Record, any_holds_heading, record_of
 from slam.criticism.residuals.corrected_readings import without_boxes, without_jitter
 from slam.criticism.residuals.reading_anomalies import quantisation_in, without_dead_zone
@@ -135,7 +127,7 @@ def is_out_of_model(records: Sequence[Record], model: Model) -> bool:
     """Whether the noise of the instruments is far from the model's: a vehicle of another make."""
     expected = _models_noise_std(model)
     for record in records:
-        for kind in (ATTITUDE, VELOCITY, SONAR):
+        for kind in range(IMU + 1, len(STREAMS)):
             channels = channels_of(kind)
             factor = abs(np.log(record.noise_std[channels[0]] / expected[channels[0]]))
             if any(map(record.has, channels)) and factor > np.log(OUT_OF_MODEL_FACTOR):

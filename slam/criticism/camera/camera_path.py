@@ -27,7 +27,6 @@ from slam.data_quality.pictures.feature_matches import SHORTEST_S, FeatureMatche
 from slam.simulation.dynamics import PITCH, ROLL, YAW, X, Y, Z
 
 POSE = (X, Y, Z, ROLL, PITCH, YAW)
-"""Entries of the state that make the pose."""
 LEAST_HALF_S = 0.004
 _TINY = 1e-13
 """Variance added before an inverse, since the start is known exactly in some axes."""

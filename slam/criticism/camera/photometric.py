@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +23,8 @@ from slam.data_quality.pictures.tones import (
     tones_of,
 )
 
+Entry = tuple[str, int]
+"""Kind and entry of a perturbation."""
 SHADING_PATTERN = "picture brightness ~ place in the picture"
 VARIANCE_PATTERNS = "picture contrast, variances", "picture sharpness, variances"
 """Patterns that are variances: random differences between pictures."""
@@ -75,11 +77,11 @@ def photometric_score(
         return np.asarray(x[tones.i] - x[tones.j])
 
     for figure in range(FIGURES):
-        patterns: dict[tuple[str, int], Array] = {}
+        patterns: dict[Entry, Array] = {}
         predicted, slow = np.zeros(len(tones.i)), np.column_stack([between(elapsed), between(elapsed**2)])
         nearer = -tones.zoom if figure in (CONTRAST, SHARPNESS) else between(height)
         healthy = TOLERANCE.get(figure, 0.0) * nearer[:, None]
-        variances: dict[tuple[str, int], float] = {}
+        variances: dict[Entry, float] = {}
         variance = HEALTHY_STD.get(figure, 0.0) ** 2
         if figure < CONTRAST:
             variance += LAMPS_STD**2 * matches.glares
@@ -114,23 +116,17 @@ def photometric_score(
         table = np.column_stack(list(patterns.values()))
         variance += sum(share * camera[n] for (kind, n), share in variances.items() if kind == "camera")
         found = _weigh(tones, figure, table, predicted, healthy, variance, memory, slow)
-        total += found.by(_columns(directions, list(patterns), variances))
+        total += found.by(_columns(directions, patterns, variances))
     return total
 
 
 def _columns(
-    directions: Sequence[Perturbation],
-    patterns: Sequence[tuple[str, int]],
-    variances: Mapping[tuple[str, int], float],
+    directions: Sequence[Perturbation], patterns: Iterable[Entry], variances: Mapping[Entry, float]
 ) -> Array:
     """Return (patterns + 1, directions) from directions to the columns of a fit: patterns, one variance."""
-    shares = np.zeros((len(patterns) + 1, len(directions)))
-    for k, direction in enumerate(directions):
-        key = (direction.kind, direction.entry)
-        if key in patterns:
-            shares[patterns.index(key), k] = 1.0
-        shares[-1, k] = variances.get(key, 0.0)
-    return shares
+    own = [(direction.kind, direction.entry) for direction in directions]
+    shares = [[float(entry == pattern) for entry in own] for pattern in patterns]
+    return np.array([*shares, [variances.get(entry, 0.0) for entry in own]])
 
 
 def _blurred(

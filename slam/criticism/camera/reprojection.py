@@ -140,16 +140,10 @@ def residuals(
 ) -> tuple[Array, Array]:
     """Return (m,) px the lengths of the residuals, and their standard deviations from the path alone."""
     scene = _Scene.of(matches, parameters, along)
-    B = scene.by_pose()
-    n = len(along.times_s)
+    B, n = scene.by_pose(), len(along.times_s)
     S = along.covariance.reshape(n, 6, n, 6)
-    i, j = scene.i, scene.j
-    of_pose = [B[:, :, :6], B[:, :, 6:]]
-    variance = sum(
-        np.einsum("mca,mab,mcb->m", of_pose[a], S[p, :, q], of_pose[b])
-        for a, p in enumerate((i, j))
-        for b, q in enumerate((i, j))
-    )
+    ends = (scene.i, B[:, :, :6]), (scene.j, B[:, :, 6:])
+    variance = sum(np.einsum("mca,mab,mcb->m", A, S[p, :, q], C) for p, A in ends for q, C in ends)
     off = np.linalg.norm(scene.seen - scene.transferred(), axis=1)
     return off, np.sqrt(np.maximum(variance, 0.0))
 

@@ -73,7 +73,7 @@ class Record:
 
     @cached_property
     def steps(self) -> tuple[Ints, Array, Array]:
-        """The filter's steps: (events + 1,) the first that leads to each event; (steps,) begins, lengths."""
+        """The filter's steps: (events + 1,) first of each event, (steps,) begins and lengths in seconds."""
         gaps = np.diff(self.times_s, prepend=self.times_s[0])
         counts = np.ceil(gaps / LONGEST_STEP_S - 1e-9).astype(np.int64)
         first = np.concatenate([[0], np.cumsum(counts)])

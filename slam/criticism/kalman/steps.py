@@ -162,11 +162,8 @@ def judged(event: int, c: int, given: KalmanInputs, expected: PredictedReading) 
     events, model = given.events, given.model
     kind = events.kinds[event]
     channel = FIRST_CHANNEL[kind] + c
-    if math.isnan(events.values[event, c]):
-        return False
-    if events.landing[event] and kind != SONAR:
-        return False
-    if channel < given.command.spoilt_channels[event]:
+    spoilt = (events.landing[event] and kind != SONAR) or channel < given.command.spoilt_channels[event]
+    if spoilt or math.isnan(events.values[event, c]):
         return False
     if kind == SONAR:
         margin = SONAR_MARGIN * math.sqrt(model.variance[channel])

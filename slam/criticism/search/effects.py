@@ -131,7 +131,11 @@ def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list
         # A vehicle that was never commanded to turn shows slower yaw by its process noise alone.
         found = [effect for effect in found if effect.name != "yaw_drag"]
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
-    found += _tilt_limits(records, parameters)
+    reach = parameters.dynamics[MAX_TILT] * parameters.dynamics[GAIN]
+    asked = reach * max(float(np.abs(r.stick.values[:, :2]).max()) for r in records)
+    now = parameters.dynamics[TILT_LIMIT]
+    if asked >= LOWEST_TILT_RAD and now >= pi / 2:
+        found += _at_values("tilt_limit.limit", [share * asked for share in TILT_LIMITS], now)
     if not parameters.out_of_model:
         found += [_variance("gusts", f"gusts{AT}{tau:g}") for tau in GUST_TIMES_S]
         found += delayed_readings(records)
@@ -172,14 +176,6 @@ def _plain(term: Term) -> list[Effect]:
         )
         for group in groups if group
     ]  # fmt: skip
-
-
-def _tilt_limits(records: Sequence[Record], parameters: FilterParameters) -> list[Effect]:
-    reach = parameters.dynamics[MAX_TILT] * parameters.dynamics[GAIN]
-    asked = reach * max(float(np.abs(r.stick.values[:, :2]).max()) for r in records)
-    now = parameters.dynamics[TILT_LIMIT]
-    tries = () if asked < LOWEST_TILT_RAD or now < pi / 2 else TILT_LIMITS
-    return _at_values("tilt_limit.limit", [share * asked for share in tries], now)
 
 
 def _at_values(column: str, values: Sequence[float], now: float) -> list[Effect]:

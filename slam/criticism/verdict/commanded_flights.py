@@ -137,20 +137,16 @@ class CommandedFlights(Evidence):
             text = f"nearest is {nearest.name}, by {nearest.z:.1f} sigma where {threshold:.1f} are required"
             findings = (*findings, Remark(text, effect=nearest.name))
         with self._rolled_out.part():
-            drawn = (
-                covariate(self.found.records, parameters, searched, found.causes[0]) if found.causes else None
-            )
+            drawn = covariate(parameters, searched, found.causes[0]) if found.causes else None
         unseen: dict[str, Model] = {}
         if self._together is not None and self._together.by == "flight":
             after = self._together.after if self.best is None else self.best.left_out
-            unseen = {
-                r.name: self._extended(found.causes, p)
-                for r, p in zip(self.found.records, after, strict=True)
-            }
+            each = zip(found.flights, after, strict=True)
+            unseen = {name: self._extended(found.causes, fitted) for name, fitted in each}
         return replace(
             found,
             findings=findings,
-            next_flight=next_flight(self.found.records, self.model, searched, self.posterior, self.progress),
+            next_flight=next_flight(self.model, searched, self.posterior, self.progress),
             detectable=found.detectable | smallest_in_readings(self.found.records),
             nuisances=_fitted_nuisances(searched, self.best),
             noise_correlation={name: share for name, share in correlations if share > 0.0},
@@ -181,10 +177,9 @@ def _fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str,
         x, std = expansion.quadratic.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
         if best is not None and best.std.get(nuisance.name):  # 0 if no flight of the fit shows the constant
             x, std = nuisance.value_in(best.parameters), 1.96 * best.std[nuisance.name]
-        ends = [x, x - std, x + std]
-        if nuisance.form == "log":
-            ends = [float(np.exp(e)) for e in ends]
-        values[nuisance.name] = Interval(float(ends[0]), nuisance.unit, float(ends[1]), float(ends[2]))
+        ends = x - std, x, x + std
+        low, value, high = (float(np.exp(end) if nuisance.form == "log" else end) for end in ends)
+        values[nuisance.name] = Interval(value, nuisance.unit, low, high)
     return values
 
 

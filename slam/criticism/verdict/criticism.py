@@ -16,7 +16,6 @@ from slam.data_quality.finding import Finding
 from slam.simulation.model import Model
 
 CORRELATION_DIGITS = 4
-"""Digits of a correlation that are told."""
 Verdict = Literal["nothing_wrong", "named", "ambiguous", "named_with_remainder", "unknown", "unusable"]
 
 

@@ -16,7 +16,6 @@ from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.kalman.filter import IGNORED
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import with_steps
@@ -71,7 +70,7 @@ def held_out(found: SearchResult, without: Sequence[Effect] = ()) -> HeldOut:
         after_nats, after = _prediction(last, found.chosen, own, others)
         gain = after_nats + known_nats[own].sum() - before_nats - plain_nats[own].sum()
         if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.matches for r in found.records):
-            gain = _gain_rerun(found.records, last, own, before, after)
+            gain = _gain_rerun(found, own, before, after)
         nats.append(gain)
         fitted_by_others |= dict.fromkeys(np.unique(last.fisher.flight[own]).tolist(), (before, after))
     each = [fitted_by_others[flight] for flight in sorted(fitted_by_others)]
@@ -95,21 +94,15 @@ def _prediction(
     return judged.predicted(fitted), with_step(expansion, fitted.whole, effects)
 
 
-def _gain_rerun(
-    records: Sequence[Record],
-    expansion: LikelihoodExpansion,
-    own: Mask,
-    before: FilterParameters,
-    after: FilterParameters,
-) -> float:
+def _gain_rerun(found: SearchResult, own: Mask, before: FilterParameters, after: FilterParameters) -> float:
     """Return the gain of some segments from one parameter set to another, with the filter run anew.
 
     Only readings that both judge count. An expansion includes the readings that were judged there. A
     touch-down that one parameter set alone judges can outweigh all others.
     """
-    gain = 0.0
+    gain, expansion = 0.0, found.last
     for k in np.unique(expansion.fisher.flight[own]):
-        runs = [whole(records[k], parameters) for parameters in (before, after)]
+        runs = [whole(found.records[k], parameters) for parameters in (before, after)]
         both = np.logical_and(*(run.status != IGNORED for run in runs))
         by_event = np.where(both, runs[1].nats - runs[0].nats, 0.0).sum(axis=1)
         gain += float(_by_segment(expansion, int(k), by_event)[own[expansion.fisher.flight == k]].sum())

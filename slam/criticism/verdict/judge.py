@@ -24,7 +24,6 @@ from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
 SHOWN_PATTERNS = 8
-"""Number of residual patterns shown."""
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,6 @@ class Parts:
     fisher: FisherInformation
     """Its segments are the parts."""
     names: Sequence[str]
-    """Name of each flight."""
     begin_s: Array
     """(parts,)."""
     part_s: float = PART_S

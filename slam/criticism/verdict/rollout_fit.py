@@ -22,12 +22,7 @@ from slam.criticism.finding import OutOfRange
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.fitted_parameters import (
-    MEAN_NUISANCES,
-    FittedParameter,
-    fitted_parameter,
-    with_steps,
-)
+from slam.criticism.search.fitted_parameters import FittedParameter, fitted_parameter, with_steps
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.verdict.posterior import required_nats
@@ -48,7 +43,7 @@ FREE = {"vehicle.gain": 0.02, "vehicle.drag_1_s": 0.02, LAG_CONSTANT: 0.005}
 """Constants of the vehicle, and the differences for their slopes."""
 DELAY = {"control_latency.T": 0.01}
 """Difference for a delay. With smaller ones, commands move across readings, and fits get stuck."""
-_FREE = tuple(n for n in MEAN_NUISANCES if n.name in FREE)
+_FREE = tuple(map(fitted_parameter, FREE))
 MOST_CANDIDATES = 3
 """Number of terms, those with the greatest score tests beyond chance, that are tried beside the chosen."""
 
@@ -110,12 +105,10 @@ def fit_rollouts(
     if any(n.name == LAG_CONSTANT for n in beyond):
         chosen += [e for e in found.last.effects if e.name == LAG][:1]
     unhealthy = [_out_of_range(n, fit.parameters, found.model) for n in beyond if n.name != LAG_CONSTANT]
-    for effect in [e for e in chosen if e.label in without and not fit.better_than(without[e.label])]:
+    for effect in (e for e in chosen if e.label in without):
         bare = without[effect.label]
-        unhealthy += [
-            _out_of_range(n, bare.parameters, found.model, effect.name)
-            for n in _instead(fit, bare, found.model)
-        ]
+        taking = [] if fit.better_than(bare) else _instead(fit, bare, found.model)
+        unhealthy += [_out_of_range(n, bare.parameters, found.model, effect.name) for n in taking]
     return RolloutFit(fit.parameters, tuple(chosen), spread, fit.left_out, nats, tuple(unhealthy))
 
 
@@ -151,12 +144,8 @@ def _needed(
             for e in chosen
             if _flies(e)
         }
-        idle = [
-            e for e in chosen
-            if e.label in without
-            and not fit.better_than(without[e.label])
-            and not _instead(fit, without[e.label], model)
-        ]  # fmt: skip
+        tried = [(e, without[e.label]) for e in chosen if e.label in without]
+        idle = [e for e, bare in tried if not fit.better_than(bare) and not _instead(fit, bare, model)]
         if not idle or len(chosen) == 1:
             return chosen, fit, without
         least = min(idle, key=lambda e: without[e.label].residuals.sum())

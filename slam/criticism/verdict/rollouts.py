@@ -84,8 +84,7 @@ def rollout_residuals(
     ``filtered`` (events, >= 10) are their initial states.
     """
     states = filtered[:, :MOVING]
-    first, last = record.times_s[0] + SETTLE_S, record.times_s[-1] - horizon_s
-    begins = np.arange(first, last, START_EVERY_S)
+    begins = np.arange(record.times_s[0] + SETTLE_S, record.times_s[-1] - horizon_s, START_EVERY_S)
     errors: dict[int, list[Array]] = {c: [np.zeros(0)] for c in range(len(CHANNELS))}
     if len(begins) == 0:
         return {c: np.zeros(0) for c in errors}
@@ -115,8 +114,7 @@ def rollout_residuals(
                 error = record.values[rows[of_kind], c] - predicted[of_kind, c]
                 if kind == ATTITUDE and c == 2:
                     error = np.angle(np.exp(1j * error))
-                if np.isfinite(error).any():
-                    errors[FIRST_CHANNEL[kind] + c].append(error[np.isfinite(error)])
+                errors[FIRST_CHANNEL[kind] + c].append(error[np.isfinite(error)])
     return {c: np.concatenate(m) for c, m in errors.items()}
 
 
@@ -159,9 +157,7 @@ class Covariate:
     """Errors against the leading cause's covariate, and against the rival's."""
 
 
-def covariate(
-    records: Sequence[Record], parameters: FilterParameters, found: SearchResult, lead: Cause
-) -> Covariate | None:
+def covariate(parameters: FilterParameters, found: SearchResult, lead: Cause) -> Covariate | None:
     """Return the covariates of the leading cause and its rival; None where roll-outs do not show the cause.
 
     Sizes and nuisances are fitted without it, and with its rival; for a large cause the filter is run anew.
@@ -170,7 +166,7 @@ def covariate(
     effect = next((e for e in found.chosen if e.name == cause), None)
     if effect is None or not (effect.perturbations or effect.relaxes):
         return None
-    rest, short = [e for e in found.chosen if e is not effect], first_parts(records, SHORT_S)
+    rest, short = [e for e in found.chosen if e is not effect], first_parts(found.records, SHORT_S)
     # Roll-outs cannot include a term that only adds noise.
     ways = (s.effect for s in found.in_place(effect, rival) if s.effect.perturbations or s.effect.relaxes)
     other = next(ways, None)

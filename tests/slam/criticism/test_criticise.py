@@ -116,11 +116,11 @@ def test_what_is_missed_follows_the_guilty_covariate_until_the_cause_is_in_the_m
 
 @pytest.mark.slow
 def test_the_rival_that_is_drawn_is_that_of_the_verdict():
-    _, found, (records, parameters, search, cause) = dragging()
+    _, found, (parameters, search, cause) = dragging()
     assert found.covariate.rival == cause.rival == found.causes[0].rival
     other = "flow_scale"
     assert cause.rival != other
-    drawn = covariate(records, parameters, search, replace(cause, rival=other))
+    drawn = covariate(parameters, search, replace(cause, rival=other))
     assert [drawn.rival, *(m.cause for m in drawn.against)] == [other, cause.name, other]
 
 
