@@ -122,13 +122,13 @@ def grid_over(
 
     If ``gsd_m`` is None, the resolution is that of the pictures, coarser if the mosaic would exceed
     ``max_pixels``. It is rounded to two digits, so that one more picture rarely changes it. ``unit`` is the
-    name of the unit of length in the texts. A grid that would exceed ``max_pixels`` goes first without ground
-    that pictures show coarsely: `frontend.mosaic.extent`.
+    name of the unit of length in the texts. A grid that would exceed ``max_pixels``, or ``MAX_PIXELS`` with a
+    given ``gsd_m``, goes first without ground that pictures show coarsely: `frontend.mosaic.extent`.
 
     Raises ``MosaicError`` if the given ``gsd_m`` needs more than ``MAX_PIXELS``.
     """
     if gsd_m is not None:
-        canvas, extent = _largest(offered_extents(views, gsd_m), gsd_m, max_pixels)
+        canvas, extent = _largest(offered_extents(views, gsd_m), gsd_m, MAX_PIXELS)
         size_m = extent[2:] - extent[:2]
         if (pixels := float(np.prod(size_m)) / gsd_m**2) > MAX_PIXELS:
             raise MosaicError(

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from frontend.robust import robust_std
 from slam.core.flight import Flight
 from slam.data_quality.finding import Finding, flights_to_name
-from slam.data_quality.inertial_comparison import FEWEST, NODE_S, ROUNDING_S, IntegralComparison, comparisons
+from slam.data_quality.inertial_comparison import (
+    FEWEST,
+    NODE_S,
+    ROUNDING_S,
+    IntegralComparison,
+    comparisons,
+    near_floor,
+    with_finite_imu,
+)
 
 Array = NDArray[np.float64]
 
@@ -24,6 +32,8 @@ LEAST_RATIO = 10.0
 tails are heavy, and jumps of 1 m/s in their velocity are 10 to 33."""
 STEP_S = 0.1
 """Spacing of the moments that are tried."""
+LONGEST_GAP_S = 0.15
+"""Longest time between samples of the imu that its integral may bridge."""
 FEWEST_READINGS = 3
 """Least number of readings on either side."""
 COMPONENTS = {"attitude": ("roll", "pitch", "yaw"), "velocity": ("velocity",)}
@@ -54,12 +64,21 @@ def jumps_of_all(flights: Sequence[Flight]) -> list[Jump]:
 
 
 def jumps(flight: Flight) -> list[Jump]:
-    """Return the jumps of the flight's attitude and velocity, one for each channel."""
+    """Return the jumps of the flight's attitude and velocity, one for each channel.
+
+    Near the floor, and over gaps of the imu, an integral does not tell.
+    """
+    finite = with_finite_imu(flight)
+    if finite.imu is None:
+        return []
+    stamps = finite.imu.stamps_s
+    low_s, gaps = near_floor(flight), np.flatnonzero(np.diff(stamps) > LONGEST_GAP_S)
+    doubted_s = np.sort([np.append(low_s, stamps[gaps]), np.append(low_s, stamps[gaps + 1])], axis=1)
     found = []
     for kind, seen in comparisons(flight):
         if kind not in COMPONENTS:
             continue
-        times_s, changes = _changes(seen)
+        times_s, changes = _changes(seen, doubted_s)
         # The axes of a velocity turn with the vehicle: its components are judged together.
         parts = [changes] if kind == "velocity" else np.split(changes, 3, axis=1)
         scale = 1.0 if kind == "velocity" else float(np.degrees(1.0))
@@ -78,9 +97,9 @@ def jumps(flight: Flight) -> list[Jump]:
     return found
 
 
-def _changes(seen: IntegralComparison) -> tuple[Array, Array]:
+def _changes(seen: IntegralComparison, doubted_s: Array) -> tuple[Array, Array]:
     """Return moments (n,), and (n, components) by how much the readings' difference from the integral changes
-    there, beside the half seconds before and after.
+    there, beside the half seconds before and after; without moments near spans from ``doubted_s`` (2, m).
 
     Medians do not follow single readings, and what drifts does so before and after as well.
     """
@@ -94,5 +113,9 @@ def _changes(seen: IntegralComparison) -> tuple[Array, Array]:
     beside = round(NODE_S / STEP_S)
     inner = slice(beside, max(len(times_s) - beside, beside))
     changes = steps[inner] - 0.5 * (steps[2 * beside :] + steps[: max(len(steps) - 2 * beside, 0)])
-    known = np.isfinite(changes).all(axis=1)
+    reach_s = 2.0 * NODE_S + LONGEST_GAP_S
+    begun = np.searchsorted(doubted_s[0], times_s[inner] + reach_s)
+    known = np.isfinite(changes).all(axis=1) & (
+        begun == np.searchsorted(doubted_s[1], times_s[inner] - reach_s)
+    )
     return times_s[inner][known], changes[known]

@@ -132,8 +132,9 @@ class QuadraticLikelihood:
     def _spread(self, effects: Sequence[Effect], maximum: Maximum) -> tuple[Array, float]:
         """Return the covariance of effects' sizes with their tolerances, and its degrees of freedom.
 
-        White errors and tolerances are known; what segments scatter beyond them is estimated from these
-        (Satterthwaite 1946).
+        White errors and tolerances are known; what segments scatter beyond them is estimated from these. The
+        greater its share, the fewer degrees are left. Segments that happen to scatter little make them too
+        many: of flights of a minute two in a thousand exceed 4 by chance (``tests``: test_likelihood.py).
         """
         columns = self.index([c for e in effects for c in e.columns])
         (_, robust), (_, known) = maximum.of(columns), maximum.of(columns, white=True)
@@ -142,13 +143,14 @@ class QuadraticLikelihood:
             robust = known
         spread = robust + np.diag([e.tolerance**2 for e in effects for _ in e.columns])
         share = float(np.max(np.diag(robust - known) / np.diag(spread)))
-        segments = np.inf if self.clusters is None else self.clusters.independent
-        return spread, (segments - len(columns)) / max(share, EDGE) ** 2
+        if self.clusters is None or share <= 0.0:
+            return spread, np.inf
+        return spread, max(self.clusters.independent - len(columns), 1.0) / share
 
     def shown_sizes(self, effect: Effect, z: float) -> Array:
         """Return (columns,) sizes of an effect that nine of ten cases would show by a deviate of ``z``."""
         spread, free = self._spread([effect], self.maximise([effect]))
-        return np.asarray((robust_sigmas(z, free) + NINE_OF_TEN) * np.sqrt(np.diag(spread)))
+        return np.asarray((robust_sigmas(z, len(spread), free) + NINE_OF_TEN) * np.sqrt(np.diag(spread)))
 
     def nats(self, effects: Sequence[Effect], beside: Sequence[Effect]) -> float:
         """Return the nats of a set; with clusters, as far as segments agree on its lead over ``beside``.
@@ -166,18 +168,22 @@ class QuadraticLikelihood:
     def _agreed(self, union: Sequence[Effect], effects: Sequence[Effect]) -> float:
         """Return the nats by which a union of effects leads over some of them.
 
-        For white rows the log likelihoods differ by m with a variance of 2 m. Where clusters scatter by more,
-        errors are correlated, and the lead counts proportionally less. Otherwise minutes of one lasting error
-        would decide between two effects with the same sensitivity.
+        For white rows the log likelihoods of a segment differ by m, which follows from its information, with
+        a variance of 2 m. Where segments scatter about that by more, errors are correlated, and the lead
+        counts proportionally less. Otherwise minutes of one lasting error would decide between two effects
+        with the same sensitivity.
         """
         assert self.clusters is not None
         total, left = 0.0, list(union)
-        before = self.clusters.nats_at(self.maximise(left).whole)
+        before = self.maximise(left).whole
         for effect in [e for e in reversed(union) if e not in effects]:
             left = [e for e in left if e is not effect]
-            after = self.clusters.nats_at(self.maximise(left).whole)
-            lead, variance = float(np.sum(before - after)), len(after) * float(np.var(before - after))
-            total += lead * min(1.0, 2.0 * abs(lead) / max(variance, 1e-12))
+            after = self.maximise(left).whole
+            moved = before - after
+            lead = self.clusters.nats_at(before) - self.clusters.nats_at(after)
+            expected = 0.5 * (self.clusters.information @ moved) @ moved
+            scatter, whole = float(np.sum((lead - expected) ** 2)), float(np.sum(lead))
+            total += whole * min(1.0, 2.0 * abs(whole) / max(scatter, 1e-12))
             before = after
         return total
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
-from scipy.special import ndtri_exp
+from scipy.special import betaln, ndtri_exp
 from scipy.stats import chi2, f, norm
 
 from slam.simulation.terms import CATALOGUE
@@ -93,14 +93,21 @@ def deviate(chi_square: float, degrees: int) -> float:
 def robust_deviate(square: float, degrees: int, free: float) -> float:
     """Return the normal deviate with the (two-sided) tail of Hotelling's ``square`` of ``degrees`` sizes.
 
-    Their variances are known to ``free`` degrees of freedom; it is 0 where there are none.
+    Their variances are known to ``free`` degrees of freedom, perhaps infinitely many.
     """
-    if free <= 0.0:
-        return 0.0
+    if np.isinf(free):
+        return deviate(square, degrees)
     log_tail = float(f.logsf(square / degrees, degrees, free))
-    return float(-ndtri_exp(log_tail - np.log(2.0))) if log_tail > -np.inf else deviate(square, degrees)
+    if log_tail == -np.inf:
+        # The first term of the incomplete beta function's series, as the tail underflows.
+        left = free / (free + square)
+        log_tail = 0.5 * free * np.log(left) - np.log(0.5 * free) - float(betaln(0.5 * free, 0.5 * degrees))
+    return float(-ndtri_exp(log_tail - np.log(2.0)))
 
 
-def robust_sigmas(z: float, free: float) -> float:
-    """Return the standard errors by which one size stands out with a normal deviate of ``z``."""
-    return float(np.sqrt(f.isf(2.0 * norm.sf(z), 1, free))) if free > 0.0 else np.inf
+def robust_sigmas(z: float, degrees: int, free: float) -> float:
+    """Return the standard errors that give one of ``degrees`` sizes a normal deviate of ``z``. Where their
+    variances are known, it is judged by itself."""
+    if np.isinf(free):
+        return z
+    return float(np.sqrt(degrees * f.isf(2.0 * norm.sf(z), degrees, free)))

@@ -20,11 +20,11 @@ from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.search import LINEAR_Z, SearchResult, with_term_replaced
 from slam.criticism.search.thresholds import (
     KNOWN,
+    MISFIT,
     ONE_OF_ALL,
     UNKNOWN,
     VERY_SIMILAR_NATS,
     parameter_cost,
-    similar_nats,
 )
 
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
@@ -195,28 +195,27 @@ def alternatives_to_components(found: SearchResult) -> list[tuple[Effect, str, s
     """Return components of chosen vectors that another term explains as well: term, parameter, and the other.
 
     Over a hover a constant error of the vertical acceleration is a scale as well, whatever is known of the
-    other two components.
+    other two components. What the other lacks of the component's effect, and of what it explains, is less
+    than its equation's own misfit.
     """
     quadratic, alike = found.last.quadratic, []
     names = {e.name for e in found.chosen}
     others = [e for e in found.last.effects if e.is_term and len(e.columns) == 1 and e.name not in names]
+    own = quadratic.maximise(found.chosen).nats
     for effect in (e for e in found.chosen if e.is_term and len(e.columns) == len(e.perturbations) > 1):
-        own = quadratic.maximise(found.chosen).nats
-        for k, parameter in enumerate(effect.parameters):
-            one = replace(effect, perturbations=effect.perturbations[k : k + 1], parameters=(parameter,))
-            moved = (*effect.perturbations[:k], *effect.perturbations[k + 1 :])
-            rest = replace(
-                effect, perturbations=moved, parameters=(*effect.parameters[:k], *effect.parameters[k + 1 :])
-            )
-            beside = [*(e for e in found.chosen if e is not effect), rest]
+        parts = [
+            replace(effect, perturbations=(moved,), parameters=(name,))
+            for moved, name in zip(effect.perturbations, effect.parameters, strict=True)
+        ]
+        for one in parts:
+            beside = [*(e for e in (*found.chosen, *parts) if e is not effect and e is not one)]
             explained = own - quadratic.maximise(beside).nats
-            least = own - max(CLASS_NATS, similar_nats(np.sqrt(2.0 * explained)))
             alike += [
-                (effect, parameter, other.name)
+                (effect, one.parameters[0], other.name)
                 for other in others
                 if explained > CLASS_NATS
-                and quadratic.correlation(one, other, beside) > ONE_CLASS
-                and quadratic.nats([*beside, other], found.chosen) > least
+                and quadratic.correlation(one, other, beside) ** 2 > 1.0 - MISFIT
+                and own - quadratic.maximise([*beside, other]).nats < MISFIT * explained
             ]
     return alike
 

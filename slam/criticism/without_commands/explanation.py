@@ -24,16 +24,20 @@ from slam.criticism.extended import with_certainty, with_terms
 from slam.criticism.finding import ImplausibleSize, NameInDoubt, Onset
 from slam.criticism.next_flight import next_motion
 from slam.criticism.search.effects import LATE, Effect
-from slam.criticism.search.expansion import implausible_effect
+from slam.criticism.search.expansion import ONE_CLASS, implausible_effect
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
-from slam.criticism.search.thresholds import Thresholds, parameter_cost
+from slam.criticism.search.thresholds import Thresholds
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
 from slam.criticism.verdict.held_out import held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
 from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Parts, SizeOverTime, onset
-from slam.criticism.verdict.posterior import alternatives_to_components, posterior_of
+from slam.criticism.verdict.posterior import (
+    alternatives_to_components,
+    posterior_of,
+    required_nats,
+)
 from slam.criticism.verdict.rollouts import Covariate, covariate_of
 from slam.criticism.without_commands.likelihood import (
     columns_of,
@@ -143,11 +147,13 @@ class ComparedFlights(Evidence):
                 yield NameInDoubt(effect=effect.name, parameter=parameter, others=(other,))
         if beyond := implausible_effect(self.found.last, self.found.chosen, STANDS_OUT_Z):
             effect, sizes, z = beyond
-            k = int(np.argmax(np.abs(sizes)))
-            unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
+            parameters = [CATALOGUE[effect.name].parameter(name) for name in effect.parameters]
+            far = [abs(x - p.neutral) / (p.high - p.low) for x, p in zip(sizes, parameters, strict=True)]
+            k = int(np.argmax(far))
             yield ImplausibleSize(
-                effect=effect.name, parameter=effect.parameters[k], value=float(sizes[k]), unit=unit, z=z
-            )
+                effect=effect.name, parameter=effect.parameters[k], value=float(sizes[k]),
+                unit=parameters[k].unit, z=z,
+            )  # fmt: skip
 
     def completed(self, found: Criticism) -> Criticism:
         """Return the criticism with the next flight, the extended model, and what could not be shown."""
@@ -217,7 +223,8 @@ def explain_comparisons(
 
 def search_linear(found: SearchResult) -> SearchResult:
     """Choose the significant effects, greatest first, by one expansion, without those that others replace."""
-    found = _enlarged(_significant(_enlarged(found, ENTERS_Z)), STANDS_OUT_Z)
+    for least_z in (ENTERS_Z, STANDS_OUT_Z):
+        found = _significant(_enlarged(found, least_z))
     for effect in found.chosen:
         rest = tuple(e for e in found.chosen if e is not effect)
         found = replace(found, chosen=(*rest, _best(found, rest, STANDS_OUT_Z, effect) or effect))
@@ -236,7 +243,7 @@ def _significant(found: SearchResult) -> SearchResult:
     the least significant one first may lose another that explains far more."""
 
     def worth(kept: SearchResult) -> float:
-        cost = sum(parameter_cost(len(e.columns)) for e in kept.chosen)
+        cost = sum(map(required_nats, kept.chosen))
         return found.last.quadratic.nats(kept.chosen, found.chosen) - cost
 
     every = (s for count in range(len(found.chosen) + 1) for s in combinations(found.chosen, count))
@@ -254,15 +261,18 @@ def _best(
     """Return the effect that explains most beside the ``rest``, of those that stand out and predict held-out
     parts; None where there is none, or none but the one in ``place``.
 
-    A term that led alone may lag behind another beside the rest. Another takes its place only if it explains
-    the greater part of what that explains, and if all effects stand out with it.
+    Effects that look alike are alternatives: together they would be large, one against the other. A term that
+    led alone may lag behind another beside the rest. Another takes its place only if it explains the greater
+    part of what that explains, and if all effects stand out with it.
     """
-    tests = found.last.score_tests
+    tests, likeness = found.last.score_tests, found.last.quadratic.correlation
     for test in tests(rest, found.last.effects):
         if test.effect is place:
             break
         more = replace(found, chosen=(*rest, test.effect))
-        if test.z < least_z or held_out(more, rest).total < CONFIRMED_NATS:
+        if test.z < least_z or any(likeness(test.effect, e) > ONE_CLASS for e in rest):
+            continue
+        if held_out(more, rest).total < CONFIRMED_NATS:
             continue
         left = tests(more.chosen, [place])[0].nats if place else 0.0
         if place is None or (2.0 * left < tests(rest, [place])[0].nats and _all_stand_out(more)):

@@ -117,11 +117,10 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     of_ends = float(np.clip(of_ends, 0.0, (1 - LEAST_SHARE) * variance / shape[0]))
     apart = np.minimum(np.abs(place[:, None] - place), len(shape))
     of_integral = np.append((variance - shape[0] * of_ends) * of_white, 0.0)[apart]
-    noise = of_integral + np.append(of_ends * shape, 0.0)[apart]
     if BETWEEN_SAMPLES in names:
         between = table[:, 1 + names.index(BETWEEN_SAMPLES)]
-        noise += np.outer(between, between) / 12.0
-    root = np.linalg.cholesky(noise)
+        of_integral += np.outer(between, between) / 12.0
+    root = np.linalg.cholesky(of_integral + np.append(of_ends * shape, 0.0)[apart])
     inverse = solve_triangular(root, np.eye(len(root)), lower=True)
     # Reading and integral both contain noise that is in the difference too; their weighted mean does not: the
     # weights are the shares of their noise in white rows. Where there is little else in them, they are no
@@ -156,7 +155,7 @@ milliseconds would show the noise of the attitude between two samples."""
 DELAYS_S = (-0.16, -0.08, 0.0, 0.08, 0.16, 0.24, 0.32)
 """Delays about which rows may be linear: half of the 0.2 s over which a speed is averaged, either way."""
 CERTAIN_NATS = 12.5
-"""Least lead of a delay: half the square of five standard deviations, as for every effect."""
+"""Least lead of a delay: half the square of five standard deviations."""
 FAINT = 1e-9
 """Greatest entry of a column that is rounding."""
 

@@ -56,6 +56,16 @@ def test_single_wrong_readings_are_no_jump():
     assert jumps(moved("velocity", "v_m_s", 0, 3.0, lambda t: np.arange(len(t)) % 200 == 50)) == []
 
 
+@pytest.mark.parametrize("begin_s", [3.0, 14.0])
+@pytest.mark.parametrize("lasts_s", [0.5, 1.0, 4.0])
+def test_a_gap_of_the_imu_is_no_jump_of_a_reading(begin_s, lasts_s):
+    imu = flown().imu
+    since_s = imu.stamps_s - imu.stamps_s[0] - begin_s
+    kept = (since_s < 0.0) | (since_s > lasts_s)
+    cut = {k: v[kept] for k, v in vars(imu).items() if np.shape(v)[:1] == kept.shape}
+    assert jumps(replace(flown(), imu=replace(imu, **cut))) == []
+
+
 def test_two_jumps_are_counted():
     begin_s = flown().imu.stamps_s[0]
     (jump,) = jumps(moved("velocity", "v_m_s", 0, 1.0, lambda t: (t > begin_s + 8.0) & (t < begin_s + 16.0)))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood
+from slam.criticism.kalman.kernel_inputs import Perturbation
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.quadratic_likelihood import NINE_OF_TEN, Maximum, QuadraticLikelihood
 
 
 def test_predicted_is_the_average_over_the_answers_uncertainty():
@@ -25,3 +27,13 @@ def test_predicted_is_the_average_over_the_answers_uncertainty():
     steps[:, free] += drawn
     nats = steps @ quadratic.score - 0.5 * np.einsum("ni,ij,nj->n", steps, quadratic.information, steps)
     assert quadratic.predicted(other) == pytest.approx(np.log(np.mean(np.exp(nats))), abs=0.01)
+
+
+def test_without_segments_a_shown_size_is_the_threshold_in_standard_errors():
+    direction = Perturbation("gyro_bias.x", "sensor", 0)
+    none = np.zeros(0)
+    quadratic = QuadraticLikelihood(
+        ("gyro_bias.x",), (), np.array([[4.0]]), np.zeros(1), none, np.zeros((0, 2)), none, {}
+    )
+    sizes = quadratic.shown_sizes(Effect("gyro_bias", (direction,)), 3.7)
+    assert sizes == pytest.approx([(3.7 + NINE_OF_TEN) * 0.5])
