@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from frontend.robust import robust_std
 from slam.core.flight import Flight
+from slam.data_quality.channels import streams_of
 from slam.data_quality.finding import Finding, flights_to_name
 from slam.data_quality.inertial_comparison import (
     FEWEST,
@@ -28,8 +29,8 @@ from slam.data_quality.inertial_comparison import (
 Array = NDArray[np.float64]
 
 LEAST_RATIO = 10.0
-"""Least jump in standard deviations of all changes. On measured flights without one the greatest is 8.8, as
-tails are heavy, and jumps of 1 m/s in their velocity are 10 to 33."""
+"""Least jump in standard deviations of all changes, no less than those stated of one reading. On measured
+flights without one the greatest is 8.8, as tails are heavy; jumps of 1 m/s in their velocity are 10 to 33."""
 STEP_S = 0.1
 """Spacing of the moments that are tried."""
 LONGEST_GAP_S = 0.15
@@ -74,6 +75,7 @@ def jumps(flight: Flight) -> list[Jump]:
     stamps = finite.imu.stamps_s
     low_s, gaps = near_floor(flight), np.flatnonzero(np.diff(stamps) > LONGEST_GAP_S)
     doubted_s = np.sort([np.append(low_s, stamps[gaps]), np.append(low_s, stamps[gaps + 1])], axis=1)
+    noise_std = {stream.name: max(float(stream.noise_std.max()), 1e-9) for stream in streams_of(flight)}
     found = []
     for kind, seen in comparisons(flight):
         if kind not in COMPONENTS:
@@ -87,7 +89,7 @@ def jumps(flight: Flight) -> list[Jump]:
                 continue
             std = float(np.linalg.norm([robust_std(column) for column in part.T])) / np.sqrt(part.shape[1])
             size = np.linalg.norm(part, axis=1)
-            beyond = np.flatnonzero(size > LEAST_RATIO * max(std, 1e-9))
+            beyond = np.flatnonzero(size > LEAST_RATIO * max(std, noise_std[kind]))
             if len(beyond):
                 k = int(np.argmax(size))
                 apart = 1 + int(np.sum(np.diff(times_s[beyond]) > NODE_S))
