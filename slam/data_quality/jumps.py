@@ -18,11 +18,11 @@ from slam.data_quality.channels import streams_of
 from slam.data_quality.finding import Finding, flights_to_name
 from slam.data_quality.inertial_comparison import (
     FEWEST,
+    LOWEST_M,
     NODE_S,
     ROUNDING_S,
     IntegralComparison,
     comparisons,
-    near_floor,
     with_finite_imu,
 )
 
@@ -67,20 +67,24 @@ def jumps_of_all(flights: Sequence[Flight]) -> list[Jump]:
 def jumps(flight: Flight) -> list[Jump]:
     """Return the jumps of the flight's attitude and velocity, one for each channel.
 
-    Near the floor, and over gaps of the imu, an integral does not tell.
+    Near the floor an integral does not tell, nor where the imu has gaps; and not what the velocity does where
+    the attitude jumps, by which it is turned.
     """
     finite = with_finite_imu(flight)
-    if finite.imu is None:
+    if finite.imu is None or not len(finite.imu.stamps_s):
         return []
-    stamps = finite.imu.stamps_s
-    low_s, gaps = near_floor(flight), np.flatnonzero(np.diff(stamps) > LONGEST_GAP_S)
-    doubted_s = np.sort([np.append(low_s, stamps[gaps]), np.append(low_s, stamps[gaps + 1])], axis=1)
+    stamps = np.concatenate([[-np.inf], finite.imu.stamps_s, [np.inf]])
+    gaps = np.flatnonzero(np.diff(stamps) > LONGEST_GAP_S)
+    doubted_s = np.array([stamps[gaps], stamps[gaps + 1]])
+    if flight.sonar is not None:
+        low_s = flight.sonar.stamps_s[flight.sonar.range_m <= LOWEST_M]
+        doubted_s = np.hstack([doubted_s, [low_s, low_s]])
     noise_std = {stream.name: max(float(stream.noise_std.max()), 1e-9) for stream in streams_of(flight)}
     found = []
     for kind, seen in comparisons(flight):
         if kind not in COMPONENTS:
             continue
-        times_s, changes = _changes(seen, doubted_s)
+        times_s, changes = _changes(seen, np.sort(doubted_s, axis=1))
         # The axes of a velocity turn with the vehicle: its components are judged together.
         parts = [changes] if kind == "velocity" else np.split(changes, 3, axis=1)
         scale = 1.0 if kind == "velocity" else float(np.degrees(1.0))
@@ -91,6 +95,7 @@ def jumps(flight: Flight) -> list[Jump]:
             size = np.linalg.norm(part, axis=1)
             beyond = np.flatnonzero(size > LEAST_RATIO * max(std, noise_std[kind]))
             if len(beyond):
+                doubted_s = np.hstack([doubted_s, np.tile(times_s[beyond], (2, 1))])
                 k = int(np.argmax(size))
                 apart = 1 + int(np.sum(np.diff(times_s[beyond]) > NODE_S))
                 found.append(

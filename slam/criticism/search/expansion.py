@@ -152,37 +152,49 @@ def backwards(effect: Effect, expansion: LikelihoodExpansion, maximum: Maximum) 
 
 def is_implausible(effect: Effect, parameters: FilterParameters, size: Array, reach: Array) -> bool:
     """Whether a size (columns,) lies far beyond its plausible range, by more than ``reach`` (columns,)."""
+    return implausible_component(effect, parameters, size, reach) is not None
+
+
+def implausible_component(
+    effect: Effect, parameters: FilterParameters, size: Array, reach: Array
+) -> int | None:
+    """Return the first column whose size lies far beyond its plausible range, by more than its ``reach``."""
     for k, name in enumerate(effect.parameters if effect.perturbations else ()):
         usual = CATALOGUE[effect.name].parameter(name)
         far = PLAUSIBLE * max(abs(usual.high - usual.neutral), abs(usual.low - usual.neutral))
         least, most = max(usual.neutral - far, usual.least), min(usual.neutral + far, usual.most)
         values = [effect.in_catalogue_units(k, size[k] + side * reach[k], parameters) for side in (-1, 1)]
         if max(values) < least or min(values) > most:
-            return True
-    return False
+            return k
+    return None
 
 
 def implausible_effect(
     expansion: LikelihoodExpansion, chosen: Sequence[Effect], least_z: float
-) -> tuple[Effect, Array, float] | None:
+) -> tuple[Effect, int, float, float] | None:
     """Return the term that would explain most beside the chosen effects with a size beyond what is plausible,
-    the size (columns,) in the catalogue's units, and its z, if that is at least ``least_z``; else None."""
+    its column, the size in the catalogue's units, and its z, if that is at least ``least_z``; else None."""
     base, most, found = expansion.quadratic.maximise(chosen).nats, 0.0, None
     for effect in expansion.effects:
-        if not effect.is_term or any(map(effect.repeats, chosen)):
-            continue
         # Two effects that look alike may be large together, one against the other.
-        if any(expansion.quadratic.correlation(effect, e) > ONE_CLASS for e in chosen):
+        if not effect.is_term or alike(expansion, effect, chosen):
             continue
         maximum = expansion.quadratic.maximise([*chosen, effect], judged=len(effect.columns))
         size, covariance = expansion.fitted(effect, maximum)
-        far = is_implausible(effect, expansion.parameters, size, 2.0 * np.sqrt(np.diag(covariance)))
+        reach = 2.0 * np.sqrt(np.diag(covariance))
+        k = implausible_component(effect, expansion.parameters, size, reach)
         nats = maximum.nats - base - parameter_cost(len(effect.columns))
         z = expansion.quadratic.z([effect], maximum, max(nats, 0.0))
-        if far and nats > most and z >= least_z:
-            each = [effect.in_catalogue_units(k, x, expansion.parameters) for k, x in enumerate(size)]
-            most, found = nats, (effect, np.array(each), z)
+        if k is not None and nats > most and z >= least_z:
+            value = effect.in_catalogue_units(k, float(size[k]), expansion.parameters)
+            most, found = nats, (effect, k, value, z)
     return found
+
+
+def alike(expansion: LikelihoodExpansion, effect: Effect, chosen: Sequence[Effect]) -> list[Effect]:
+    """Return those of some effects that a term repeats, or cannot be told from: alternatives to it."""
+    correlation = expansion.quadratic.correlation
+    return [e for e in chosen if e.repeats(effect) or correlation(effect, e) > ONE_CLASS]
 
 
 def ranked_pairs(

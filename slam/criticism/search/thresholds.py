@@ -106,8 +106,7 @@ def robust_deviate(square: float, degrees: int, free: float) -> float:
 
 
 def robust_sigmas(z: float, degrees: int, free: float) -> float:
-    """Return the standard errors that give one of ``degrees`` sizes a normal deviate of ``z``. Where their
-    variances are known, it is judged by itself."""
-    if np.isinf(free):
-        return z
-    return float(np.sqrt(degrees * f.isf(2.0 * norm.sf(z), degrees, free)))
+    """Return the standard errors that give one of ``degrees`` sizes, the others 0, a deviate of ``z``."""
+    tail = 2.0 * norm.sf(z)
+    square = chi2.isf(tail, degrees) if np.isinf(free) else degrees * f.isf(tail, degrees, free)
+    return float(np.sqrt(square))

@@ -20,7 +20,6 @@ from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.search import LINEAR_Z, SearchResult, with_term_replaced
 from slam.criticism.search.thresholds import (
     KNOWN,
-    MISFIT,
     ONE_OF_ALL,
     UNKNOWN,
     VERY_SIMILAR_NATS,
@@ -32,6 +31,9 @@ CLASS_NATS = 10.0
 """Lead in nats of one of two terms that look alike (``ONE_CLASS``), beyond which its form is evidence for it.
 Of a lesser one the share VERY_SIMILAR_NATS / CLASS_NATS counts in the probabilities: an alternative is never
 beside a probability of 1.00."""
+LAGS = 0.05
+"""Share of a component's nats by which another term may lag behind it and still be as good an explanation. A
+scale of 0.1 of the accelerometer, put into measured flights, lags by 0.014 to 0.027 behind a bias."""
 SAME_TRACE = 0.9
 """Correlation beyond which a pattern counts as a term itself: a range by the climb rate is a lag."""
 
@@ -195,8 +197,7 @@ def alternatives_to_components(found: SearchResult) -> list[tuple[Effect, str, s
     """Return components of chosen vectors that another term explains as well: term, parameter, and the other.
 
     Over a hover a constant error of the vertical acceleration is a scale as well, whatever is known of the
-    other two components. What the other lacks of the component's effect, and of what it explains, is less
-    than its equation's own misfit.
+    other two components.
     """
     quadratic, alike = found.last.quadratic, []
     names = {e.name for e in found.chosen}
@@ -210,12 +211,14 @@ def alternatives_to_components(found: SearchResult) -> list[tuple[Effect, str, s
         for one in parts:
             beside = [*(e for e in (*found.chosen, *parts) if e is not effect and e is not one)]
             explained = own - quadratic.maximise(beside).nats
+            most = max(VERY_SIMILAR_NATS, LAGS * explained)
             alike += [
-                (effect, one.parameters[0], other.name)
-                for other in others
-                if explained > CLASS_NATS
-                and quadratic.correlation(one, other, beside) ** 2 > 1.0 - MISFIT
-                and own - quadratic.maximise([*beside, other]).nats < MISFIT * explained
+                (effect, one.parameters[0], test.effect.name)
+                for test in found.last.score_tests(beside, others)
+                if test.nats > 0.0
+                and explained > CLASS_NATS
+                and explained - test.nats < most
+                and quadratic.correlation(one, test.effect, beside) > ONE_CLASS
             ]
     return alike
 

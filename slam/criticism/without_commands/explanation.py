@@ -24,7 +24,7 @@ from slam.criticism.extended import with_certainty, with_terms
 from slam.criticism.finding import ImplausibleSize, NameInDoubt, Onset
 from slam.criticism.next_flight import next_motion
 from slam.criticism.search.effects import LATE, Effect
-from slam.criticism.search.expansion import ONE_CLASS, implausible_effect
+from slam.criticism.search.expansion import alike, implausible_effect
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
@@ -141,19 +141,22 @@ class ComparedFlights(Evidence):
 
     def _doubts(self, judged: JudgedCauses) -> Iterator[Finding]:
         """Yield what is said of a name or a size that the flights give, but do not tell from another."""
-        reported = {cause.name for cause in judged.reported}
+        reported, told = {cause.name for cause in judged.reported}, set()
         for effect, parameter, other in alternatives_to_components(self.found):
             if effect.name in reported:
+                told.add((effect.name, other))
                 yield NameInDoubt(effect=effect.name, parameter=parameter, others=(other,))
-        if beyond := implausible_effect(self.found.last, self.found.chosen, STANDS_OUT_Z):
-            effect, sizes, z = beyond
-            parameters = [CATALOGUE[effect.name].parameter(name) for name in effect.parameters]
-            far = [abs(x - p.neutral) / (p.high - p.low) for x, p in zip(sizes, parameters, strict=True)]
-            k = int(np.argmax(far))
+        last, chosen = self.found.last, self.found.chosen
+        for test in last.score_tests(chosen, [e for e in last.effects if e.is_term]):
+            for effect in alike(last, test.effect, chosen) if test.z >= STANDS_OUT_Z else ():
+                if effect.is_term and (effect.name, test.effect.name) not in told:
+                    yield NameInDoubt(effect=effect.name, others=(test.effect.name,))
+        if beyond := implausible_effect(last, chosen, STANDS_OUT_Z):
+            effect, k, value, z = beyond
+            unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
             yield ImplausibleSize(
-                effect=effect.name, parameter=effect.parameters[k], value=float(sizes[k]),
-                unit=parameters[k].unit, z=z,
-            )  # fmt: skip
+                effect=effect.name, parameter=effect.parameters[k], value=value, unit=unit, z=z
+            )
 
     def completed(self, found: Criticism) -> Criticism:
         """Return the criticism with the next flight, the extended model, and what could not be shown."""
@@ -265,12 +268,12 @@ def _best(
     led alone may lag behind another beside the rest. Another takes its place only if it explains the greater
     part of what that explains, and if all effects stand out with it.
     """
-    tests, likeness = found.last.score_tests, found.last.quadratic.correlation
+    tests = found.last.score_tests
     for test in tests(rest, found.last.effects):
         if test.effect is place:
             break
         more = replace(found, chosen=(*rest, test.effect))
-        if test.z < least_z or any(likeness(test.effect, e) > ONE_CLASS for e in rest):
+        if test.z < least_z or alike(found.last, test.effect, rest):
             continue
         if held_out(more, rest).total < CONFIRMED_NATS:
             continue

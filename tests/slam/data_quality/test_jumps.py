@@ -66,6 +66,29 @@ def test_a_gap_of_the_imu_is_no_jump_of_a_reading(begin_s, lasts_s):
     assert jumps(replace(flown(), imu=replace(imu, **cut))) == []
 
 
+def test_the_imu_may_end_before_the_other_readings():
+    imu = flown().imu
+    kept = imu.stamps_s < imu.stamps_s[0] + 14.0
+    cut = {k: v[kept] for k, v in vars(imu).items() if np.shape(v)[:1] == kept.shape}
+    assert jumps(replace(flown(), imu=replace(imu, **cut))) == []
+
+
+@pytest.mark.parametrize("share", [0.05, 1.0])
+def test_lost_echoes_hide_no_jump(share):
+    flight = moved("velocity", "v_m_s", 0, 1.0, lambda t: t > flown().imu.stamps_s[0] + 15.0)
+    lost = np.random.default_rng(1).uniform(size=len(flight.sonar.stamps_s)) < share
+    sonar = replace(flight.sonar, range_m=np.where(lost, np.nan, flight.sonar.range_m))
+    assert [jump.channel for jump in jumps(replace(flight, sonar=sonar))] == ["velocity"]
+
+
+@pytest.mark.parametrize(("column", "size", "channel"), [(2, 1.0, "yaw"), (0, 0.3, "roll")])
+@pytest.mark.parametrize("after_s", [9.0, 12.0])
+def test_a_reset_of_the_attitude_is_none_of_the_velocity(column, size, channel, after_s):
+    at_s = flown().imu.stamps_s[0] + after_s
+    found = jumps(moved("attitude", "roll_pitch_yaw_rad", column, size, lambda t: t > at_s))
+    assert [jump.channel for jump in found] == [channel]
+
+
 def test_two_jumps_are_counted():
     begin_s = flown().imu.stamps_s[0]
     (jump,) = jumps(moved("velocity", "v_m_s", 0, 1.0, lambda t: (t > begin_s + 8.0) & (t < begin_s + 16.0)))
