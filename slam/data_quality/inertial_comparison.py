@@ -29,6 +29,8 @@ ROUNDING_S = 1e-6
 """Greatest rounding error of stamps. Readings on the edge of an interval must not depend on it."""
 FEWEST = 20
 """Least number of readings, and of moments, of a comparison."""
+LONGEST_GAP_S = 0.15
+"""Longest time between readings, and between samples of the imu, that a comparison bridges."""
 LOWEST_M = 0.35
 """Least height: nearer to the floor the vehicle may touch it, which shakes all instruments."""
 JUMP = 6.0

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from frontend.robust import robust_std
 from slam.core.flight import Flight
+from slam.data_quality.axes import INTEGRAL, WAYS
 from slam.data_quality.channels import streams_of
 from slam.data_quality.finding import Finding, flights_to_name
 from slam.data_quality.inertial_comparison import (
     FEWEST,
+    LONGEST_GAP_S,
     LOWEST_M,
     NODE_S,
     ROUNDING_S,
@@ -33,12 +35,8 @@ LEAST_RATIO = 10.0
 flights without one the greatest is 8.8, as tails are heavy; jumps of 1 m/s in their velocity are 10 to 33."""
 STEP_S = 0.1
 """Spacing of the moments that are tried."""
-LONGEST_GAP_S = 0.15
-"""Longest time between samples of the imu that its integral may bridge."""
 FEWEST_READINGS = 3
 """Least number of readings on either side."""
-COMPONENTS = {"attitude": ("roll", "pitch", "yaw"), "velocity": ("velocity",)}
-UNITS = {"attitude": "deg", "velocity": "m/s"}
 
 
 @dataclass(frozen=True)
@@ -52,8 +50,8 @@ class Jump(Finding):
     """Number of jumps of this channel."""
 
     def _text(self) -> str:
-        by = "gyro" if self.unit == "deg" else "accelerometer"
-        others = f"; so it does {self.count} times" if self.count > 1 else ""
+        by = INTEGRAL["attitude" if self.channel in WAYS["attitude"] else "velocity"]
+        others = f"; it does so {self.count} times" if self.count > 1 else ""
         change = f"{self.size:.3g} {self.unit} at {self.time_s:.1f} s"
         return f"{self.channel} jumps by {change}, where the {by} shows no such change{others}"
 
@@ -65,48 +63,55 @@ def jumps_of_all(flights: Sequence[Flight]) -> list[Jump]:
 
 
 def jumps(flight: Flight) -> list[Jump]:
-    """Return the jumps of the flight's attitude and velocity, one for each channel.
+    """Return the jumps of the flight's attitude and velocity, the greatest of each channel.
 
-    Near the floor an integral does not tell, nor where the imu has gaps; and not what the velocity does where
-    the attitude jumps, by which it is turned.
+    The integral is wrong near the floor and over gaps of the imu: no jump is told there. Where the attitude
+    jumps, none of the velocity is told, because the attitude turns the velocity into the world.
     """
-    finite = with_finite_imu(flight)
-    if finite.imu is None or not len(finite.imu.stamps_s):
-        return []
-    stamps = np.concatenate([[-np.inf], finite.imu.stamps_s, [np.inf]])
-    gaps = np.flatnonzero(np.diff(stamps) > LONGEST_GAP_S)
-    doubted_s = np.array([stamps[gaps], stamps[gaps + 1]])
-    if flight.sonar is not None:
-        low_s = flight.sonar.stamps_s[flight.sonar.range_m <= LOWEST_M]
-        doubted_s = np.hstack([doubted_s, [low_s, low_s]])
-    noise_std = {stream.name: max(float(stream.noise_std.max()), 1e-9) for stream in streams_of(flight)}
-    found = []
+    noise_std = {stream.name: float(stream.noise_std.max()) for stream in streams_of(flight)}
+    wrong_s, found = _wrong_integral(flight), []
     for kind, seen in comparisons(flight):
-        if kind not in COMPONENTS:
+        if kind == "height":
+            continue  # a floor may have steps
+        times_s, changes = _changes(seen, np.sort(wrong_s, axis=1))
+        if len(times_s) < FEWEST:
             continue
-        times_s, changes = _changes(seen, np.sort(doubted_s, axis=1))
-        # The axes of a velocity turn with the vehicle: its components are judged together.
-        parts = [changes] if kind == "velocity" else np.split(changes, 3, axis=1)
-        scale = 1.0 if kind == "velocity" else float(np.degrees(1.0))
-        for channel, part in zip(COMPONENTS[kind], parts, strict=True):
-            if len(part) < FEWEST:
-                continue
-            std = float(np.linalg.norm([robust_std(column) for column in part.T])) / np.sqrt(part.shape[1])
+        for channel, unit, scale, part in _channels(kind, changes):
+            std = float(np.sqrt(np.mean([robust_std(column) ** 2 for column in part.T])))
             size = np.linalg.norm(part, axis=1)
-            beyond = np.flatnonzero(size > LEAST_RATIO * max(std, noise_std[kind]))
+            beyond = np.flatnonzero(size > LEAST_RATIO * max(std, noise_std[kind], 1e-9))
             if len(beyond):
-                doubted_s = np.hstack([doubted_s, np.tile(times_s[beyond], (2, 1))])
-                k = int(np.argmax(size))
-                apart = 1 + int(np.sum(np.diff(times_s[beyond]) > NODE_S))
-                found.append(
-                    Jump(scale * float(size[k]), UNITS[kind], float(times_s[k]), apart, channel=channel)
-                )
+                wrong_s = np.hstack([wrong_s, np.tile(times_s[beyond], (2, 1))])
+                k, count = int(np.argmax(size)), 1 + int(np.sum(np.diff(times_s[beyond]) > NODE_S))
+                found.append(Jump(scale * float(size[k]), unit, float(times_s[k]), count, channel=channel))
     return found
 
 
-def _changes(seen: IntegralComparison, doubted_s: Array) -> tuple[Array, Array]:
+def _wrong_integral(flight: Flight) -> Array:
+    """Return the begins and ends (2, n) of spans over which the integral of the imu is wrong."""
+    imu = with_finite_imu(flight).imu
+    stamps = np.concatenate([[-np.inf], imu.stamps_s if imu is not None else [], [np.inf]])
+    gaps = np.flatnonzero(np.diff(stamps) > LONGEST_GAP_S)
+    spans_s = np.array([stamps[gaps], stamps[gaps + 1]])
+    if flight.sonar is None:
+        return spans_s
+    low_s = flight.sonar.stamps_s[flight.sonar.range_m <= LOWEST_M]
+    return np.hstack([spans_s, [low_s, low_s]])
+
+
+def _channels(kind: str, changes: Array) -> list[tuple[str, str, float, Array]]:
+    """Return the channels of a comparison: name, unit, that unit in SI units, and changes (n, components).
+
+    The axes of a velocity turn with the vehicle, so its components are one channel.
+    """
+    if kind == "velocity":
+        return [("velocity", "m/s", 1.0, changes)]
+    return [(way, "deg", float(np.degrees(1.0)), changes[:, [k]]) for k, way in enumerate(WAYS[kind])]
+
+
+def _changes(seen: IntegralComparison, wrong_s: Array) -> tuple[Array, Array]:
     """Return moments (n,), and (n, components) by how much the readings' difference from the integral changes
-    there, beside the half seconds before and after; without moments near spans from ``doubted_s`` (2, m).
+    there, beside the half seconds before and after; without moments near spans ``wrong_s`` (2, m).
 
     Medians do not follow single readings, and what drifts does so before and after as well.
     """
@@ -121,8 +126,7 @@ def _changes(seen: IntegralComparison, doubted_s: Array) -> tuple[Array, Array]:
     inner = slice(beside, max(len(times_s) - beside, beside))
     changes = steps[inner] - 0.5 * (steps[2 * beside :] + steps[: max(len(steps) - 2 * beside, 0)])
     reach_s = 2.0 * NODE_S + LONGEST_GAP_S
-    begun = np.searchsorted(doubted_s[0], times_s[inner] + reach_s)
-    known = np.isfinite(changes).all(axis=1) & (
-        begun == np.searchsorted(doubted_s[1], times_s[inner] - reach_s)
-    )
+    begun = np.searchsorted(wrong_s[0], times_s[inner] + reach_s)
+    ended = np.searchsorted(wrong_s[1], times_s[inner] - reach_s)
+    known = np.isfinite(changes).all(axis=1) & (begun == ended)
     return times_s[inner][known], changes[known]

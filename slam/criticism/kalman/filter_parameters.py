@@ -115,8 +115,10 @@ def filter_parameters_of(model: Model) -> FilterParameters:
 
 def slot(name: str) -> tuple[Literal["dynamics", "camera", "sensor", "latency", "drift"], int]:
     """Return a parameter's vector and its entry there; "latency" or "drift" for the two that are no entry."""
-    if name in ("control_latency.T", "clock_drift.ppm"):
-        return "latency" if name == "control_latency.T" else "drift", 0
+    if name == "control_latency.T":
+        return "latency", 0
+    if name == "clock_drift.ppm":
+        return "drift", 0
     if name in PARAMETERS:
         return "dynamics", PARAMETERS.index(name)
     if name in CAMERA:

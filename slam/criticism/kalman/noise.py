@@ -188,12 +188,8 @@ def correct_changes(event: int, column: int, miss: float, s_var: float, filtered
 
     Write the changes of its prediction and the ratios of its variance at the plain row. A change of the
     stamps' jitter does not use readings that jumps of the stick may then spoil."""
-    expected, changes, written, noise = (
-        filtered.expected,
-        filtered.others,
-        filtered.written,
-        filtered.coloured,
-    )
+    expected, changes = filtered.expected, filtered.others
+    written, noise = filtered.written, filtered.coloured
     row, rate, ph = expected.rows[column], expected.rate, expected.ph
     channel = FIRST_CHANNEL[filtered.given.events.kinds[event]] + column
     shift, own_ph, at, slot = changes.shift, changes.ph, written.rows[0], noise.slot[channel]

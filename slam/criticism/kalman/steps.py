@@ -30,21 +30,7 @@ from slam.criticism.kalman.transition import (
     split_state,
     transition,
 )
-from slam.simulation.dynamics import (
-    GEAR,
-    PITCH,
-    ROLL,
-    UP,
-    VX,
-    VY,
-    VZ,
-    YAW,
-    X,
-    Y,
-    Z,
-    derivative,
-    noise_share,
-)
+from slam.simulation.dynamics import GEAR, PITCH, ROLL, UP, VX, VY, VZ, YAW, X, Y, Z, derivative, noise_share
 
 GATE = 6.0
 """An innovation beyond so many standard deviations is an outlier and does not update the state."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from frontend.cores import in_threads
 from slam.core.arrays import Array, Mask
+from slam.criticism.finding import ImplausibleSize
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
@@ -146,13 +147,8 @@ def expand(
 def backwards(effect: Effect, expansion: LikelihoodExpansion, maximum: Maximum) -> bool:
     """Whether a non-negative size would be negative, or a size lies far beyond its plausible range."""
     size, covariance = expansion.fitted(effect, maximum)
-    far = is_implausible(effect, expansion.parameters, size, 2.0 * np.sqrt(np.diag(covariance)))
-    return (effect.positive and bool(size[0] < 0)) or (far and not effect.is_profiled)
-
-
-def is_implausible(effect: Effect, parameters: FilterParameters, size: Array, reach: Array) -> bool:
-    """Whether a size (columns,) lies far beyond its plausible range, by more than ``reach`` (columns,)."""
-    return implausible_component(effect, parameters, size, reach) is not None
+    far = implausible_component(effect, expansion.parameters, size, 2.0 * np.sqrt(np.diag(covariance)))
+    return (effect.positive and bool(size[0] < 0)) or (far is not None and not effect.is_profiled)
 
 
 def implausible_component(
@@ -169,11 +165,11 @@ def implausible_component(
     return None
 
 
-def implausible_effect(
+def implausible_size(
     expansion: LikelihoodExpansion, chosen: Sequence[Effect], least_z: float
-) -> tuple[Effect, int, float, float] | None:
+) -> ImplausibleSize | None:
     """Return the term that would explain most beside the chosen effects with a size beyond what is plausible,
-    its column, the size in the catalogue's units, and its z, if that is at least ``least_z``; else None."""
+    if it stands out by ``least_z``."""
     base, most, found = expansion.quadratic.maximise(chosen).nats, 0.0, None
     for effect in expansion.effects:
         # Two effects that look alike may be large together, one against the other.
@@ -181,13 +177,16 @@ def implausible_effect(
             continue
         maximum = expansion.quadratic.maximise([*chosen, effect], judged=len(effect.columns))
         size, covariance = expansion.fitted(effect, maximum)
-        reach = 2.0 * np.sqrt(np.diag(covariance))
-        k = implausible_component(effect, expansion.parameters, size, reach)
+        k = implausible_component(effect, expansion.parameters, size, 2.0 * np.sqrt(np.diag(covariance)))
         nats = maximum.nats - base - parameter_cost(len(effect.columns))
         z = expansion.quadratic.z([effect], maximum, max(nats, 0.0))
         if k is not None and nats > most and z >= least_z:
             value = effect.in_catalogue_units(k, float(size[k]), expansion.parameters)
-            most, found = nats, (effect, k, value, z)
+            unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
+            most, found = (
+                nats,
+                ImplausibleSize(value, unit, effect=effect.name, parameter=effect.parameters[k], z=z),
+            )
     return found
 
 

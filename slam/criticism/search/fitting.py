@@ -9,7 +9,7 @@ explain more than the best cause or pattern, and something in each channel of th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -140,6 +140,19 @@ def first_parts(records: Sequence[Record], together_s: float) -> list[Record]:
     return [with_events(r, r.times_s <= r.times_s[0] + longest_s) for r in records]
 
 
+@dataclass(frozen=True)
+class BestCandidate:
+    """The candidate that explains most once each is fitted with the filter run anew."""
+
+    effect: Effect
+    parameters: FilterParameters
+    """Filter parameters with it."""
+    rivals: tuple[str, ...]
+    """Names of terms that explain as much, but for what a misfit explains."""
+    leads: dict[tuple[str, str], float]
+    """As ``SearchResult.leads``."""
+
+
 def best_candidate(
     records: Sequence[Record],
     model: FilterParameters,
@@ -147,12 +160,10 @@ def best_candidate(
     chosen: Sequence[Effect],
     ranked: Sequence[ScoreTest],
     tries: Tally,
-) -> tuple[Effect, FilterParameters, tuple[str, ...], dict[tuple[str, str], float]]:
+) -> BestCandidate:
     """Fit each of the best of ``ranked`` beside the chosen terms, and choose the one that explains most.
 
-    Among candidates that explain the same, the one with fewest parameters is chosen. Return it, the filter
-    parameters with it, the names of terms that explain as much but for what a misfit explains, and
-    ``SearchResult.leads``.
+    Among candidates that explain the same, the one with fewest parameters is chosen.
     """
     named: dict[str, ScoreTest] = {}
     for test in ranked:
@@ -173,7 +184,7 @@ def best_candidate(
     leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f is not best}
     if not best.effect.is_term:
         leads = {}
-    return best.effect, fitted[best], tuple(sorted(rivals)), leads
+    return BestCandidate(best.effect, fitted[best], tuple(sorted(rivals)), leads)
 
 
 MIN_AR1 = 0.05

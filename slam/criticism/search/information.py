@@ -106,6 +106,7 @@ class FisherInformation:
         every = [self] if self.shifted is None else [self, self.shifted]
         lefts = [segments.left_at(step)[:, free] for segments in every]
         between = plain @ np.mean([left.T @ left for left in lefts], axis=0) @ plain
+        # The fit takes its share of the scatter, and Hotelling's square has a mean above its degrees.
         between *= len(self.score) / max(len(self.score) - 1.0, 1.0)
         between *= (self.independent - 1.0) / max(self.independent - judged, 1.0)
         wider = np.sqrt(np.maximum(np.diag(between) / np.diag(plain), 1.0))

@@ -132,9 +132,9 @@ class QuadraticLikelihood:
     def _spread(self, effects: Sequence[Effect], maximum: Maximum) -> tuple[Array, float]:
         """Return the covariance of effects' sizes with their tolerances, and its degrees of freedom.
 
-        White errors and tolerances are known; what segments scatter beyond them is estimated from these. The
-        greater its share, the fewer degrees are left. Segments that happen to scatter little make them too
-        many: of flights of a minute two in a thousand exceed 4 by chance (``tests``: test_likelihood.py).
+        White errors and tolerances are known. Only what segments scatter beyond these is estimated: the
+        greater its share of the variance, the fewer degrees of freedom. By chance segments may scatter too
+        little. In flights of a minute two tests of a thousand therefore exceed 4.
         """
         columns = self.index([c for e in effects for c in e.columns])
         (_, robust), (_, known) = maximum.of(columns), maximum.of(columns, white=True)

@@ -21,7 +21,7 @@ from slam.criticism.search.expansion import (
     LikelihoodExpansion,
     ScoreTest,
     expand,
-    is_implausible,
+    implausible_component,
     mask_each_other,
     masked_pair,
 )
@@ -106,7 +106,8 @@ def with_term_replaced(
     for others in candidates:
         nats, parameters = refit(found.records, found.model, bare, [*rest, *others])
         free = [e.free for e in others]
-        if any(is_implausible(e, parameters, e.size_in(parameters), np.zeros(len(e.columns))) for e in free):
+        sizes = [(e, parameters, e.size_in(parameters), np.zeros(len(e.columns))) for e in free]
+        if any(implausible_component(*size) is not None for size in sizes):
             nats = -np.inf
         cost = sum(parameter_cost(len(e.columns)) for e in others)
         cost += (len(others) - 1) * np.log(len(CATALOGUE))
@@ -182,12 +183,12 @@ class _SequentialSearch:
                 records = self.records
                 if in_part := significant[0].z >= LINEAR_Z:
                     records = first_parts(records, SHORT_S)
-                effect, parameters, rivals, leads = best_candidate(
+                best = best_candidate(
                     records, self._model, self.expansion, self.chosen, doubtful, self._tries
                 )
-                self.leads, self.rivals[effect.name] = {} if in_part else leads, rivals
-                self.chosen.append(effect)
-                return parameters
+                self.leads, self.rivals[best.effect.name] = {} if in_part else best.leads, best.rivals
+                self.chosen.append(best.effect)
+                return best.parameters
             self.chosen.append(significant[0].effect)
             if significant[0].effect.changes:
                 # More noise is far less linear than a change of the mean: nothing else shows beside it.

@@ -14,17 +14,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import softmax
 
+from slam.criticism.finding import NameInDoubt
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import ONE_CLASS, LikelihoodExpansion, ScoreTest, expand, ranked_pairs
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.search import LINEAR_Z, SearchResult, with_term_replaced
-from slam.criticism.search.thresholds import (
-    KNOWN,
-    ONE_OF_ALL,
-    UNKNOWN,
-    VERY_SIMILAR_NATS,
-    parameter_cost,
-)
+from slam.criticism.search.thresholds import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, parameter_cost
 
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
 CLASS_NATS = 10.0
@@ -193,13 +188,13 @@ def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Plac
     return Place((term.name, *near, *tied), lead_nats, rival, tuple(weights), tied, near)
 
 
-def alternatives_to_components(found: SearchResult) -> list[tuple[Effect, str, str]]:
-    """Return components of chosen vectors that another term explains as well: term, parameter, and the other.
+def doubtful_components(found: SearchResult) -> list[NameInDoubt]:
+    """Return the components of chosen vectors that another term explains as well.
 
     Over a hover a constant error of the vertical acceleration is a scale as well, whatever is known of the
     other two components.
     """
-    quadratic, alike = found.last.quadratic, []
+    quadratic, doubts = found.last.quadratic, []
     names = {e.name for e in found.chosen}
     others = [e for e in found.last.effects if e.is_term and len(e.columns) == 1 and e.name not in names]
     own = quadratic.maximise(found.chosen).nats
@@ -209,18 +204,17 @@ def alternatives_to_components(found: SearchResult) -> list[tuple[Effect, str, s
             for moved, name in zip(effect.perturbations, effect.parameters, strict=True)
         ]
         for one in parts:
-            beside = [*(e for e in (*found.chosen, *parts) if e is not effect and e is not one)]
+            beside = [e for e in (*found.chosen, *parts) if e is not effect and e is not one]
             explained = own - quadratic.maximise(beside).nats
-            most = max(VERY_SIMILAR_NATS, LAGS * explained)
-            alike += [
-                (effect, one.parameters[0], test.effect.name)
+            if explained <= CLASS_NATS:
+                continue
+            least = explained - max(VERY_SIMILAR_NATS, LAGS * explained)
+            doubts += [
+                NameInDoubt((test.effect.name,), effect=effect.name, parameter=one.parameters[0])
                 for test in found.last.score_tests(beside, others)
-                if test.nats > 0.0
-                and explained > CLASS_NATS
-                and explained - test.nats < most
-                and quadratic.correlation(one, test.effect, beside) > ONE_CLASS
+                if test.nats > max(least, 0.0) and quadratic.correlation(one, test.effect, beside) > ONE_CLASS
             ]
-    return alike
+    return doubts
 
 
 def likeliest(found: SearchResult, posterior: Posterior) -> SearchResult:

@@ -1,10 +1,8 @@
 """Explanation of flights without a command log: the errors by which instruments differ from each other.
 
-Each effect is a column of the whitened rows of all comparisons. The one that explains most is chosen as long
-as it is significant by cluster-robust errors over segments of ten seconds, and predicts held-out parts.
-Errors ahead correspond to those of roll-outs with commands: from a moment at which an instrument is trusted,
-the gyro or the accelerometer alone predicts its reading. A height is predicted from two moments, the begin
-and the middle: no instrument measures its initial rate.
+Each effect is a column of the whitened rows of all comparisons. Effects are tried, greatest first, as long as
+they predict held-out parts. Of these the set is chosen that explains most, and in which each effect stands
+out by cluster-robust errors over segments of ten seconds.
 """
 
 from __future__ import annotations
@@ -21,10 +19,10 @@ from slam.core.progress import Progress, silent
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import Cause
 from slam.criticism.extended import with_certainty, with_terms
-from slam.criticism.finding import ImplausibleSize, NameInDoubt, Onset
+from slam.criticism.finding import NameInDoubt, Onset
 from slam.criticism.next_flight import next_motion
 from slam.criticism.search.effects import LATE, Effect
-from slam.criticism.search.expansion import alike, implausible_effect
+from slam.criticism.search.expansion import alike, implausible_size
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
@@ -33,11 +31,7 @@ from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
 from slam.criticism.verdict.held_out import held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
 from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Parts, SizeOverTime, onset
-from slam.criticism.verdict.posterior import (
-    alternatives_to_components,
-    posterior_of,
-    required_nats,
-)
+from slam.criticism.verdict.posterior import doubtful_components, posterior_of, required_nats
 from slam.criticism.verdict.rollouts import Covariate, covariate_of
 from slam.criticism.without_commands.likelihood import (
     columns_of,
@@ -58,7 +52,6 @@ from slam.data_quality.channels import larger_noise
 from slam.data_quality.finding import Finding, Remark
 from slam.data_quality.jumps import jumps_of_all
 from slam.simulation.model import Model
-from slam.simulation.terms import CATALOGUE
 
 STANDS_OUT_Z = 4.0
 STANDS_OUT = (
@@ -75,6 +68,7 @@ LIMITS = Thresholds(STANDS_OUT_Z, np.inf, STANDS_OUT_Z, np.inf, STANDS_OUT)
 ENTERS_Z = 2.0
 """Least z of an effect that is tried: it may stand out only beside others, whose errors it is not."""
 MOST = 8
+"""Most effects that are tried together, because every set of them is compared."""
 ROUNDS = 2
 
 
@@ -140,23 +134,18 @@ class ComparedFlights(Evidence):
         ]
 
     def _doubts(self, judged: JudgedCauses) -> Iterator[Finding]:
-        """Yield what is said of a name or a size that the flights give, but do not tell from another."""
-        reported, told = {cause.name for cause in judged.reported}, set()
-        for effect, parameter, other in alternatives_to_components(self.found):
-            if effect.name in reported:
-                told.add((effect.name, other))
-                yield NameInDoubt(effect=effect.name, parameter=parameter, others=(other,))
+        """Yield alternatives that these flights do not distinguish from a cause, and an implausible size."""
         last, chosen = self.found.last, self.found.chosen
+        reported = {cause.name for cause in judged.reported}
+        components = [doubt for doubt in doubtful_components(self.found) if doubt.effect in reported]
+        yield from components
+        told = {(doubt.effect, *doubt.others) for doubt in components}
         for test in last.score_tests(chosen, [e for e in last.effects if e.is_term]):
             for effect in alike(last, test.effect, chosen) if test.z >= STANDS_OUT_Z else ():
                 if effect.is_term and (effect.name, test.effect.name) not in told:
                     yield NameInDoubt(effect=effect.name, others=(test.effect.name,))
-        if beyond := implausible_effect(last, chosen, STANDS_OUT_Z):
-            effect, k, value, z = beyond
-            unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
-            yield ImplausibleSize(
-                effect=effect.name, parameter=effect.parameters[k], value=value, unit=unit, z=z
-            )
+        if beyond := implausible_size(last, chosen, STANDS_OUT_Z):
+            yield beyond
 
     def completed(self, found: Criticism) -> Criticism:
         """Return the criticism with the next flight, the extended model, and what could not be shown."""

@@ -2,6 +2,10 @@
 
 Pictures and single readings are compared with a filter for unknown inputs: the filter's equations with
 inflated process noise, which constrain nothing. It gives the motion that all instruments agree on.
+
+Errors ahead correspond to those of roll-outs with commands: from a moment at which an instrument is trusted,
+the gyro or the accelerometer alone predicts its reading. A height is predicted from two moments, the begin
+and the middle: no instrument measures its initial rate.
 """
 
 from __future__ import annotations

@@ -23,6 +23,7 @@ from slam.data_quality.inertial_comparison import (
     DELAY,
     FEWEST,
     INTEGRATED,
+    LONGEST_GAP_S,
     READ_AS,
     Averages,
     ImuReadings,
@@ -36,10 +37,9 @@ from slam.data_quality.inertial_comparison import (
 )
 from slam.simulation.terms import CATALOGUE
 
-LONGEST_GAP_S = 0.15
 LEAST_SHARE = 0.05
 FAR_OFF = 5.0
-ONCE_MORE = 0.25
+TWICE_INTEGRATED = 0.25
 """Correlation of successive second differences of a twice integrated white noise."""
 
 
@@ -108,19 +108,11 @@ def whitened_rows(
 def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Averages) -> WhitenedRows:
     """Whiten the rows by their own scatter, which is that of the averages and that of the integral."""
     names = averages.names
-    left = np.clip(table[:, 0], *np.quantile(table[:, 0], [0.02, 0.98]))
-    near = np.diff(place) == 1
-    variance, next_one = float(np.mean(left**2)), float(np.mean((left[1:] * left[:-1])[near]))
-    shape = np.array([2.0, -1.0, 0.0]) if averages.order == 1 else np.array([6.0, -4.0, 1.0])
-    of_white = np.array([1.0, 0.0 if averages.order == 1 else ONCE_MORE, 0.0])
-    of_ends = (of_white[1] * variance - next_one) / (of_white[1] * shape[0] - shape[1])
-    of_ends = float(np.clip(of_ends, 0.0, (1 - LEAST_SHARE) * variance / shape[0]))
-    apart = np.minimum(np.abs(place[:, None] - place), len(shape))
-    of_integral = np.append((variance - shape[0] * of_ends) * of_white, 0.0)[apart]
+    variance, of_averages, of_integral = _noise(table[:, 0], place, averages.order)
     if BETWEEN_SAMPLES in names:
         between = table[:, 1 + names.index(BETWEEN_SAMPLES)]
         of_integral += np.outer(between, between) / 12.0
-    root = np.linalg.cholesky(of_integral + np.append(of_ends * shape, 0.0)[apart])
+    root = np.linalg.cholesky(of_integral + of_averages)
     inverse = solve_triangular(root, np.eye(len(root)), lower=True)
     # Reading and integral both contain noise that is in the difference too; their weighted mean does not: the
     # weights are the shares of their noise in white rows. Where there is little else in them, they are no
@@ -147,6 +139,23 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     log_likelihood = -float(np.sum(np.log(scatter * np.diag(root))))
     std = scatter * float(np.sqrt(variance))
     return WhitenedRows(kind, times_s, white[:, 0], traces, std, averages, log_likelihood)
+
+
+def _noise(off: Array, place: Ints, order: int) -> tuple[float, Array, Array]:
+    """Return the variance of differences (n,), and the covariances (n, n) of their noise by the averages and
+    by the integral, from the correlation of successive ones. ``place`` (n,) numbers their moments."""
+    off = np.clip(off, *np.quantile(off, [0.02, 0.98]))
+    variance = float(np.mean(off**2))
+    successive = float(np.mean((off[1:] * off[:-1])[np.diff(place) == 1]))
+    # Covariances over none, one and two moments of unit noise: of averages, and of the integral.
+    averaged = np.array([2.0, -1.0, 0.0] if order == 1 else [6.0, -4.0, 1.0])
+    integrated = np.array([1.0, 0.0 if order == 1 else TWICE_INTEGRATED, 0.0])
+    share = (integrated[1] * variance - successive) / (integrated[1] * averaged[0] - averaged[1])
+    share = float(np.clip(share, 0.0, (1 - LEAST_SHARE) * variance / averaged[0]))
+    apart = np.minimum(np.abs(place[:, None] - place), len(averaged))
+    both = share * averaged, (variance - averaged[0] * share) * integrated
+    of_averages, of_integral = (np.append(covariance, 0.0)[apart] for covariance in both)
+    return variance, of_averages, of_integral
 
 
 SMALL = 0.2

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.mosaic.canvas import MAX_PIXELS, MosaicError, Tile
+from frontend.mosaic.canvas import MosaicError, Tile
 from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import TOO_FAR, MosaicPlan, plan_mosaic
@@ -262,7 +262,7 @@ def _planned_over(
         # Cameras over the foot of a hillside may be below the floor, whose height is that at the origin.
         bounds_m, lowest_m = ground.over_plane.bounds_m, float(surface.height_m.min())
     over = plan_mosaic(
-        plan.camera, poses, estimate.floor_z_m + lowest_m, plan.gsd_m, int(MAX_PIXELS), plan.left_out,
+        plan.camera, poses, estimate.floor_z_m + lowest_m, plan.gsd_m, MAX_MOSAIC_PIXELS, plan.left_out,
         unit(estimate.metric), replace(surface, height_m=surface.height_m - np.float32(lowest_m)), bounds_m,
     )  # fmt: skip
     over = replace(over, note=plan.note, beyond=plan.beyond)

@@ -25,9 +25,7 @@ def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch
     expansion = SimpleNamespace(parameters=None)
 
     ranked = [ScoreTest(e, nats[e.name], 12.0) for e in candidates]
-    effect, _, rivals, leads = best_candidate(
-        [], None, expansion, [], ranked, Tally(silent, "compare causes")
-    )
-    assert (effect.name, rivals) == ("ground_effect", ("sonar_slant",))
-    leads = {other: lead for (_, other), lead in leads.items()}
+    found = best_candidate([], None, expansion, [], ranked, Tally(silent, "compare causes"))
+    assert (found.effect.name, found.rivals) == ("ground_effect", ("sonar_slant",))
+    leads = {other: lead for (_, other), lead in found.leads.items()}
     assert leads == pytest.approx({candidates[1].label: 30.0, candidates[2].label: 1.0})

@@ -88,7 +88,7 @@ EACH: tuple[tuple[Finding, str, str, str], ...] = (
     ),
     (
         Jump(143.5, "deg", 11.3, 2, channel="yaw"),
-        "yaw jumps by 144 deg at 11.3 s, where the gyro shows no such change; so it does 2 times",
+        "yaw jumps by 144 deg at 11.3 s, where the gyro shows no such change; it does so 2 times",
         "yaw jumps by", "the heading",
     ),
     (
