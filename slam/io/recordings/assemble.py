@@ -19,7 +19,7 @@ from slam.io.files import brief
 from slam.io.plausibility import check_stamp_unit, check_stamps_agree
 from slam.io.recorded_pictures import RecordedPictures
 from slam.io.recordings.camera_views import judged
-from slam.io.recordings.choice import Request, choose
+from slam.io.recordings.choice import Request, choose, next_best
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
 from slam.io.sensor_yaml import YamlFile
 from slam.io.series_fields import build_fields
@@ -34,9 +34,7 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
     Raises ``InputError`` where no stream is found, or where the meaning of the readings is uncertain.
     """
     known = judged(recording, request.topics, progress)
-    recording = known.recording
-    chosen = choose(recording, request.topics)
-    content = recording.read(chosen, progress)
+    recording, chosen, content = _with_values(known.recording, request.topics, progress)
     camera = next((offer.channel for offer in chosen if offer.stream == "cam0"), None)
     content = replace(content, pictures=known.mounted(camera, content.pictures))
     warnings = [*content.warnings, *known.remarks(camera)]
@@ -72,6 +70,32 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
         sources=(*_taken(chosen, recorded), *_left(recording, chosen)),
         **fields,
     )
+
+
+def _with_values(
+    recording: Recording, topics: Mapping[str, str], progress: Progress
+) -> tuple[Recording, tuple[Offer, ...], Content]:
+    """Return the chosen offers and their content, and the recording with the doubts that arose.
+
+    A channel without a value leaves its place to the next one, unless a user named it.
+    """
+    while True:
+        chosen = choose(recording, topics)
+        content = recording.read(chosen, progress)
+        empty = {
+            offer: "; ".join(("no message has a value", *content.readings[offer.stream].notes))
+            for offer in chosen
+            if offer.stream not in topics
+            and offer.stream in content.readings
+            and not np.isfinite(content.readings[offer.stream].values).any()
+            and next_best(recording, offer)
+        }
+        if not empty:
+            return recording, chosen, content
+        offers = tuple(
+            replace(offer, doubt=empty[offer]) if offer in empty else offer for offer in recording.offers
+        )
+        recording = replace(recording, offers=offers)
 
 
 def _thinned(table: CsvTable, rate_hz: float, note: Callable[[str, list[str]], None]) -> CsvTable:
@@ -154,12 +178,16 @@ def _reason(offer: Offer, rival: str | None) -> str:
 
 
 def _left(recording: Recording, chosen: tuple[Offer, ...]) -> list[StreamSource]:
-    """Return the channels that were not taken, each once, with the reason."""
+    """Return the channels that were not taken, each once, with the reason.
+
+    A channel that was taken for one stream, and would do for another, is a candidate for that one.
+    """
     taken = {offer.channel: offer for offer in chosen}
     rivals = {offer.stream: offer.channel for offer in chosen}
     left: dict[str, tuple[str, int, str]] = {}
     for offer in recording.offers:
-        if offer.channel not in taken and offer.channel not in left:
+        is_candidate = offer not in chosen and not offer.doubt and offer.stream in rivals
+        if (offer.channel not in taken or is_candidate) and offer.channel not in left:
             reason = _reason(offer, rivals.get(offer.stream)) if offer.rows else "no rows"
             left[offer.channel] = (offer.kind, offer.rows, reason)
     for channel, kind, rows in recording.others:

@@ -34,7 +34,8 @@ def choose(recording: Recording, topics: Mapping[str, str]) -> tuple[Offer, ...]
     """Return the chosen offers, at most one for each stream.
 
     ``topics`` maps the folder of a stream to the channel that a user named; other streams take the offer of
-    the smallest rank, and of equal ones the first. Cameras that look down come before all others. An empty
+    the smallest rank, and of equal ones the first. Cameras that look down come before all others, and values
+    in known axes of the body before those that are turned. An empty
     channel name leaves the stream out. Raises ``InputError`` for an unknown stream or channel, and where
     nothing can be chosen.
     """
@@ -48,7 +49,7 @@ def choose(recording: Recording, topics: Mapping[str, str]) -> tuple[Offer, ...]
         else:
             offers = [offer for offer in offers if not offer.doubt]
         if offers:
-            chosen.append(min(offers, key=lambda offer: (offer.look, offer.rank)))
+            chosen.append(min(offers, key=_preference))
     if not chosen:
         raise refusal(
             recording.path,
@@ -56,6 +57,16 @@ def choose(recording: Recording, topics: Mapping[str, str]) -> tuple[Offer, ...]
             "record pictures or instruments, or convert them to a flight folder (docs/flight-format.md)",
         )
     return tuple(chosen)
+
+
+def _preference(offer: Offer) -> tuple[int, bool, int]:
+    return offer.look, offer.is_indirect, offer.rank
+
+
+def next_best(recording: Recording, offer: Offer) -> bool:
+    """Return whether another offer can take the place of one without a request."""
+    others = (each for each in recording.offers if each.stream == offer.stream and each != offer)
+    return any(each.rows and not each.doubt for each in others)
 
 
 def _check(recording: Recording, stream: str, channel: str) -> None:

@@ -42,6 +42,8 @@ class Offer:
     """Units and axes of the recording, and how they are converted."""
     rank: int = 0
     """Offers of a smaller rank are preferred."""
+    is_indirect: bool = False
+    """Whether the axes of the values are turned by another channel, or assumed; others are preferred."""
     look: Look = Look.DOWN
     """The direction of a camera, as far as it is known; it is more important than the rank."""
     is_declared: bool = False

@@ -105,7 +105,19 @@ def _fix(values: Values) -> Message:
     place = {name: float(values.get(name, 0.0)) for name in ("latitude", "longitude", "altitude")}
     # Foxglove has no state of the fix; a receiver without one sends zeros.
     status = 0 if place["latitude"] or place["longitude"] else -1
-    return SimpleNamespace(header=_header(values), status=SimpleNamespace(status=status), **place)
+    covariance = [float(v) for v in values.get("position_covariance") or ()]
+    return SimpleNamespace(
+        header=_header(values),
+        status=SimpleNamespace(status=status),
+        position_covariance=covariance,
+        position_covariance_type=int(len(covariance) == 9 and _is_told(values)),
+        **place,
+    )
+
+
+def _is_told(values: Values) -> bool:
+    """Return whether a fix states its covariance; JSON may name the kind instead of its number."""
+    return values.get("position_covariance_type", 0) not in (0, "0", "UNKNOWN")
 
 
 def _pose(values: Values) -> Message:

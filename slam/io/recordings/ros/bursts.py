@@ -18,6 +18,7 @@ from slam.io.levels import levels_of, range_of
 from slam.io.recordings.readers import damage_reported
 from slam.io.recordings.recording import Burst
 from slam.io.recordings.ros.camera import picture_of
+from slam.io.recordings.ros.companions import LONGEST_GAP_S
 from slam.io.recordings.ros.messages import RosRule
 from slam.io.recordings.ros.open_bag import OpenBag
 from slam.io.recordings.schedule import Schedule
@@ -27,8 +28,6 @@ Message = Any
 
 _AROUND_S = 0.2
 """Readings so long before and after the pictures are read: some of a slow attitude."""
-_MAX_GAP_S = 0.25
-"""Longest gap in the turns of the vehicle: between readings of a slow attitude."""
 _LONGEST_TRANSPORT_S = 10.0
 """A header that is farther from the time of recording has another clock."""
 
@@ -133,7 +132,12 @@ def _turns(
     good = np.isfinite(values).all(axis=1)
     at_s, first = np.unique(table[good, 0], return_index=True)
     values = values[good][first]
-    if len(at_s) < 2 or at_s[0] > stamps_s[0] or at_s[-1] < stamps_s[-1] or np.diff(at_s).max() > _MAX_GAP_S:
+    if (
+        len(at_s) < 2
+        or at_s[0] > stamps_s[0]
+        or at_s[-1] < stamps_s[-1]
+        or np.diff(at_s).max() > LONGEST_GAP_S
+    ):
         return None, None
     if body.rule.stream == "imu0":
         return _by_gyro(at_s, values, stamps_s)

@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.io.body_axes import angles_from_quaternion
+from slam.io.recordings.gps_accuracy import gps_noise
+from slam.io.recordings.ros.transforms import is_world
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
@@ -39,8 +41,8 @@ class RosRule:
     values: Callable[[Array, Array | None], Array]
     """Return values (n, c) of the flight format from all rows and ``b_T_s``, the sensor's mount if known."""
     reading: str
-    nominal: Callable[[Message], dict[str, Value]] = lambda message: {}
-    """Return keys of ``sensor.yaml`` from the first message."""
+    nominal: Callable[[Array], dict[str, Value]] = lambda rows: {}
+    """Return keys of ``sensor.yaml`` from all rows."""
     is_mounted: bool = False
     """Whether ``sensor.yaml`` has the mount."""
     is_certain: Callable[[str], bool] = lambda topic: True
@@ -51,6 +53,22 @@ class RosRule:
     """Fields that distinguish the versions of a message."""
     remarks: Callable[[Array], tuple[str, ...]] = lambda rows: ()
     """Return a line for everything that is dropped or assumed, from all rows."""
+    vectors: tuple[slice, ...] = ()
+    """Columns of each vector that a driver leaves 0 where it measures none."""
+    frame: Callable[[Message], str] = lambda message: str(message.header.frame_id)
+    """Return the frame whose axes the values have, of a message with a header."""
+
+    def measured(self, rows: Array) -> Array:
+        """Return the rows; NaN where one of the vectors is missing throughout.
+
+        So is one that is exactly 0 while the other values vary: a simulator's vehicle at rest has such zeros.
+        """
+        for columns in self.vectors:
+            values, others = rows[:, columns], np.delete(rows, columns, axis=1)
+            is_zero = not values.any() and bool((others != others[:1]).any())
+            if is_zero or not np.isfinite(values).any():
+                return np.full_like(rows, np.nan)
+        return rows
 
     def fits(self, message: Message) -> bool:
         """Return whether a message has the fields of the rule: a type may have several versions."""
@@ -97,36 +115,82 @@ def _angles(rows: Array, b_T_s: Array | None) -> Array:
 
 
 def _range(m: Message) -> tuple[float, ...]:
-    return (m.range if m.min_range <= m.range <= m.max_range else np.nan,)
+    return m.range, m.min_range, m.max_range, m.field_of_view
 
 
-def _range_limits(m: Message) -> dict[str, Value]:
-    limits: dict[str, Value] = {"min_range": repr(float(m.min_range)), "max_range": repr(float(m.max_range))}
-    if 0 < m.field_of_view < np.pi:
-        limits["beam_width"] = repr(float(m.field_of_view))
-    return limits
+def _stated_limits(rows: Array) -> tuple[float, float] | None:
+    """Return the limits of a range sensor; None where its driver leaves them without a meaning."""
+    least, most = np.median(rows[:, 1:3], axis=0)
+    return (float(least), float(most)) if 0 <= least < most < np.inf else None
+
+
+def _range_limits(rows: Array) -> dict[str, Value]:
+    limits = _stated_limits(rows)
+    stated: dict[str, Value] = {}
+    if limits is not None:
+        stated = {"min_range": repr(limits[0]), "max_range": repr(limits[1])}
+    beam_rad = float(np.median(rows[:, 3]))
+    return stated | ({"beam_width": repr(beam_rad)} if 0 < beam_rad < np.pi else {})
+
+
+def _ranges(rows: Array, b_T_s: Array | None) -> Array:
+    """Return ranges (n, 1), NaN where they are out of the limits, or infinite."""
+    least, most = _stated_limits(rows) or (0.0, np.inf)
+    range_m = rows[:, :1]
+    return np.where((range_m >= least) & (range_m <= most) & np.isfinite(range_m), range_m, np.nan)
 
 
 def _position(m: Message) -> tuple[float, ...]:
-    return _MISSING_3 if m.status.status < 0 else (m.latitude, m.longitude, m.altitude)
+    variance = (
+        np.diag(np.reshape(m.position_covariance, (3, 3))) if m.position_covariance_type else _MISSING_3
+    )
+    place = _MISSING_3 if m.status.status < 0 else (m.latitude, m.longitude, m.altitude)
+    return *place, *(float(v) for v in variance)
+
+
+def _places(rows: Array, b_T_s: Array | None) -> Array:
+    return rows[:, :3]
+
+
+def _stated_noise(rows: Array) -> dict[str, Value]:
+    return gps_noise(rows[:, 0], np.sqrt(np.maximum(rows[:, 3:], 0.0)))
 
 
 def _twist(m: Message) -> tuple[float, ...]:
-    linear = m.twist.twist.linear if hasattr(m.twist, "twist") else m.twist.linear
-    return linear.x, linear.y
+    return _vector(m.twist.twist.linear if hasattr(m.twist, "twist") else m.twist.linear)
+
+
+def _level(rows: Array, b_T_s: Array | None) -> Array:
+    return rows[:, :2]
 
 
 def _odometry(m: Message) -> tuple[float, ...]:
-    return *_quaternion(m.pose.pose.orientation), *_vector(m.twist.twist.linear)
+    turned = float(is_world(m.child_frame_id))
+    return *_quaternion(m.pose.pose.orientation), *_vector(m.twist.twist.linear), turned
+
+
+def _frame_of_twist(m: Message) -> str:
+    return str(m.child_frame_id)
+
+
+def heading_axes(w_v: Array, yaw_rad: Array) -> Array:
+    """Return velocities forward and left (n, 2) from those in the world (n, 2 or 3) and the yaw (n,)."""
+    east, north = w_v[:, 0], w_v[:, 1]
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.column_stack([cos * east + sin * north, cos * north - sin * east])
 
 
 def _heading_velocity(rows: Array, b_T_s: Array | None) -> Array:
-    """Return level velocities, without yaw, from attitude quaternions and velocities in body axes."""
+    """Return level velocities, without yaw, from attitude quaternions and velocities.
+
+    The velocities are in body axes, or in those of the world where the last column is not 0.
+    """
     angles = angles_from_quaternion(rows[:, :4])
-    angles[:, 2] = 0.0
-    level_R_b = rotation_of(np.nan_to_num(angles))
-    velocity = np.einsum("nij,nj->ni", level_R_b, rows[:, 4:])[:, :2]
-    return np.where(np.isfinite(angles).all(axis=1, keepdims=True), velocity, np.nan)
+    of_world = heading_axes(rows[:, 4:7], angles[:, 2])
+    level_R_b = rotation_of(np.nan_to_num(angles * (1.0, 1.0, 0.0)))
+    of_body = np.einsum("nij,nj->ni", level_R_b, rows[:, 4:7])[:, :2]
+    known = np.isfinite(angles).all(axis=1, keepdims=True)
+    return np.where(known, np.where(rows[:, 7:] != 0, of_world, of_body), np.nan)
 
 
 def _pose(m: Message) -> tuple[float, ...]:
@@ -182,21 +246,31 @@ NO_TRUTH = "a pose may be an estimate, not a truth"
 _TRUTH = "state_groundtruth_estimate0"
 _POSE = "m, quaternion; body in the world"
 _LEVEL = "m/s forward and left, taken as level"
-_LEVELLED = "m/s in body axes, levelled by the attitude"
-_IMU, _ODOMETRY = "sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry"
+_LEVELLED = "m/s, levelled by the attitude"
+IMU, ODOMETRY = "sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry"
+RANGE_KINDS = ("sensor_msgs/msg/Range",)
+"""Types of the sensors that measure along their x."""
 _NAVDATA = "ardrone_autonomy/msg/Navdata"
 _GEOMETRY = "geometry_msgs/msg/"
 STANDARD_RULES: tuple[RosRule, ...] = (
-    RosRule("imu0", _IMU, _imu, _same, "rad/s, m/s²", is_mounted=True),
-    RosRule("sonar0", "sensor_msgs/msg/Range", _range, _same, "m along x", _range_limits, is_mounted=True),
+    RosRule("imu0", IMU, _imu, _same, "rad/s, m/s²", is_mounted=True, vectors=(slice(0, 3), slice(3, 6))),
+    RosRule("sonar0", "sensor_msgs/msg/Range", _range, _ranges, "m along x", _range_limits, is_mounted=True),
     RosRule("sonar0", _NAVDATA, lambda m: (m.altd,), _from_millimetres, "mm to m"),
     RosRule("attitude0", f"{_GEOMETRY}QuaternionStamped", _stamped, _angles, "quaternion"),
-    RosRule("attitude0", _IMU, _imu_attitude, _angles, "quaternion"),
-    RosRule("attitude0", _ODOMETRY, _quaternion_of_odometry, _angles, "quaternion"),
+    RosRule("attitude0", IMU, _imu_attitude, _angles, "quaternion"),
+    RosRule("attitude0", ODOMETRY, _quaternion_of_odometry, _angles, "quaternion", frame=_frame_of_twist),
     RosRule("attitude0", _NAVDATA, lambda m: (m.rotX, m.rotY, m.rotZ), _driver_angles, "deg to rad"),
-    RosRule("velocity0", f"{_GEOMETRY}TwistStamped", _twist, _same, _LEVEL),
-    RosRule("velocity0", f"{_GEOMETRY}TwistWithCovarianceStamped", _twist, _same, _LEVEL),
-    RosRule("velocity0", _ODOMETRY, _odometry, _heading_velocity, _LEVELLED),
+    RosRule("velocity0", f"{_GEOMETRY}TwistStamped", _twist, _level, _LEVEL),
+    RosRule("velocity0", f"{_GEOMETRY}TwistWithCovarianceStamped", _twist, _level, _LEVEL),
+    RosRule(
+        "velocity0",
+        ODOMETRY,
+        _odometry,
+        _heading_velocity,
+        _LEVELLED,
+        vectors=(slice(4, 7),),
+        frame=_frame_of_twist,
+    ),
     RosRule("velocity0", _NAVDATA, lambda m: (m.vx, m.vy), _from_millimetres, "mm/s to m/s"),
     RosRule(
         "command0",
@@ -208,14 +282,21 @@ STANDARD_RULES: tuple[RosRule, ...] = (
         doubt="commands in m/s?",
     ),
     RosRule("battery0", "sensor_msgs/msg/BatteryState", lambda m: (m.voltage,), _same, "V"),
-    RosRule("gps0", "sensor_msgs/msg/NavSatFix", _position, _same, "deg, m above the ellipsoid"),
+    RosRule(
+        "gps0",
+        "sensor_msgs/msg/NavSatFix",
+        _position,
+        _places,
+        "deg, m above the ellipsoid",
+        _stated_noise,
+    ),
     *(
         RosRule(_TRUTH, kind, row, _reference, _POSE, is_certain=is_reference, doubt=NO_TRUTH)
         for kind, row in (
             (f"{_GEOMETRY}PoseStamped", _pose),
             (f"{_GEOMETRY}PoseWithCovarianceStamped", _pose),
             (f"{_GEOMETRY}TransformStamped", _transform),
-            (_ODOMETRY, _pose),
+            (ODOMETRY, _pose),
         )
     ),
 )

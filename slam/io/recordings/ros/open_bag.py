@@ -52,7 +52,7 @@ class OpenBag(ABC):
         self.warnings: tuple[str, ...] = ()
         self.mounts = MountTree()
         self.first: dict[str, Message] = {}
-        """First message of each topic that has a mount, pictures, or several versions."""
+        """First message of each topic that can fill a stream."""
         self.body: str | None = None
         """Frame of the body; None where no transform is fixed."""
 
@@ -77,8 +77,8 @@ class OpenBag(ABC):
         """Return the first ``CameraInfo`` of a topic of pictures; None without."""
 
     def find_first(self) -> None:
-        """Read the first messages of the topics that have a mount or pictures, or several versions."""
-        kinds = {rule.kind for rule in RULES if rule.is_mounted or rule.needs} | set(IMAGE_KINDS)
+        """Read the first messages of the topics that can fill a stream."""
+        kinds = {rule.kind for rule in RULES} | set(IMAGE_KINDS)
         defined = [kind for kind in kinds if self.is_defined(kind)]
         self.first = {topic: self.first_message(topic) for topic, _, count in self.topics(*defined) if count}
 

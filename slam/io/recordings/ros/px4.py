@@ -19,7 +19,7 @@ from slam.io.body_axes import FRD_R_B, W_R_N, angles_from_ned_quaternion
 from slam.io.recordings.logs.field_rules import FieldRule
 from slam.io.recordings.logs.field_values import Converted, Fields
 from slam.io.recordings.logs.ulog import RULES as RULES_OF_LOGS
-from slam.io.recordings.ros.messages import NO_TRUTH, RosRule, is_reference
+from slam.io.recordings.ros.messages import NO_TRUTH, RosRule, heading_axes, is_reference
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
@@ -83,8 +83,8 @@ def _of_log(rule: FieldRule) -> RosRule:
     def values(rows: Array, b_T_s: Array | None) -> Array:
         return _converted(rows, rule)[0]
 
-    def nominal(message: Message) -> dict[str, Value]:
-        return rule.nominal(_fields(np.array([_row(message, names)]), rule))
+    def nominal(rows: Array) -> dict[str, Value]:
+        return rule.nominal(_fields(rows, rule))
 
     return RosRule(
         stream=rule.stream,
@@ -132,13 +132,7 @@ def _level_velocity(rows: Array, b_T_s: Array | None) -> Array:
     frame_v = rows[:, 9:12]
     of_body = np.einsum("nij,nj->ni", w_R_b, frame_v @ FRD_R_B.T)
     w_v = np.where(in_body[:, None], of_body, frame_v @ W_R_N.T)
-    yaw = roll_pitch_yaw_of(w_R_b)[:, 2]
-    level = np.column_stack(
-        [
-            np.cos(yaw) * w_v[:, 0] + np.sin(yaw) * w_v[:, 1],
-            np.cos(yaw) * w_v[:, 1] - np.sin(yaw) * w_v[:, 0],
-        ]
-    )
+    level = heading_axes(w_v, roll_pitch_yaw_of(w_R_b)[:, 2])
     known = np.isfinite(angles).all(axis=1) & (in_body | (rows[:, 8] == rows[:, 0]))
     return np.where(known[:, None], level, np.nan)
 

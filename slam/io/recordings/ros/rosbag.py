@@ -7,7 +7,7 @@ at which it was recorded.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,9 +34,17 @@ from slam.io.recordings.recording import (
 from slam.io.recordings.ros import camera as ros_camera
 from slam.io.recordings.ros.bag_file import DESCRIPTION, Bag
 from slam.io.recordings.ros.bursts import BodyChannel, bursts_of
+from slam.io.recordings.ros.companions import (
+    Companion,
+    companion_of,
+    doubt_of,
+    gives_values,
+    is_indirect,
+)
 from slam.io.recordings.ros.messages import (
     CAMERA_INFO,
     IMAGE_KINDS,
+    RANGE_KINDS,
     RANGE_T_SONAR,
     TRANSFORM_KINDS,
     RosRule,
@@ -54,7 +62,6 @@ Message = Any
 _PROGRESS_STEP = 500
 _LONGEST_TRANSPORT_S = 10.0
 """A message is recorded within seconds; a longer delay is another clock."""
-_RANGE = "sensor_msgs/msg/Range"
 _TF = "/tf_static"
 
 
@@ -87,6 +94,11 @@ class _Series:
         self.recorded_ns.append(recorded_ns)
         if self.rule is not None:
             self.rows.extend(self.rule.row(message))
+
+    def table(self) -> tuple[NDArray[np.int64], Array]:
+        """Return stamps (n,) and rows (n, c)."""
+        stamps_ns = np.array(self.stamps_ns, dtype=np.int64)
+        return stamps_ns, np.array(self.rows).reshape(len(stamps_ns), -1)
 
     def notes(self) -> list[str]:
         if not self.without_stamp:
@@ -138,6 +150,8 @@ def _body_channel(bag: OpenBag, offers: Sequence[Offer]) -> BodyChannel | None:
     """Return the topic that shows best how the vehicle turns: a gyro with accelerometer, else an attitude."""
     able = [o for o in offers if o.stream in ("imu0", "attitude0") and o.rows and not o.doubt]
     for offer in sorted(able, key=lambda offer: (offer.stream != "imu0", offer.rank)):
+        if companion_of(bag, _rule(offer), offer.channel) is not None:
+            continue
         channel = BodyChannel(offer.channel, _rule(offer), bag.mount_of(offer.channel))
         if channel.has_values(bag.first_message(offer.channel)):
             return channel
@@ -176,45 +190,37 @@ def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
 def _series_offers(bag: OpenBag) -> Iterator[Offer]:
     for rank, rule in enumerate(RULES):
         for topic, _, rows in bag.topics(rule.kind):
-            first = bag.first.get(topic)
-            if (rule.needs or first is not None) and not rule.fits(first):
-                continue  # another version of the message
-            if first is not None and rule.stream == "attitude0" and not np.isfinite(rule.row(first)).any():
-                continue  # an IMU without orientation
+            if not gives_values(bag, rule, topic):
+                continue
+            companion = companion_of(bag, rule, topic)
             yield Offer(
                 stream=rule.stream,
                 channel=topic,
                 kind=rule.kind,
                 rows=rows,
-                reading=rule.reading,
+                reading=rule.reading if companion is None else f"{rule.reading}, {companion.sentence}",
                 rank=rank,
-                doubt=_doubt(bag, rule, topic),
+                is_indirect=is_indirect(bag, rule, topic),
+                doubt=doubt_of(bag, rule, topic),
             )
 
 
-def _doubt(bag: OpenBag, rule: RosRule, topic: str) -> str:
-    if not rule.is_certain(topic):
-        return rule.doubt
-    if rule.kind != _RANGE:
-        return ""
-    mount = bag.mount_of(topic)
-    if mount is None:
-        is_aside = Look.of(topic, bag.frame_of(topic)) == Look.ASIDE
-        return "by its name it does not look down" if is_aside else ""
-    tilt = axis_tilt_deg(mount[:3, 0])
-    return f"looks {tilt:.0f} degrees away from straight down" if tilt > MAX_TILT_DEG else ""
-
-
 def _read(bag: OpenBag, chosen: Sequence[Offer], progress: Progress) -> Content:
-    """Read all chosen topics in one pass."""
+    """Read all chosen topics, and those that they are read with, in one pass."""
+    companions = {
+        offer.stream: companion
+        for offer in chosen
+        if offer.stream != "cam0" and (companion := companion_of(bag, _rule(offer), offer.channel))
+    }
     series = {offer.stream: _Series(None if offer.stream == "cam0" else _rule(offer)) for offer in chosen}
-    by_topic: dict[str, list[_Series]] = {}
+    series |= {companion.topic: _Series(companion.rule) for companion in companions.values()}
+    by_topic = {companion.topic: [series[companion.topic]] for companion in companions.values()}
     for offer in chosen:
         by_topic.setdefault(offer.channel, []).append(series[offer.stream])
     camera = next((offer.channel for offer in chosen if offer.stream == "cam0"), None)
     warnings = [*bag.warnings, *_pass(bag, by_topic, progress), *_one_clock(series)]
     readings = {
-        offer.stream: _readings(bag, offer, series[offer.stream])
+        offer.stream: _readings(bag, offer, series, companions.get(offer.stream))
         for offer in chosen
         if offer.stream != "cam0" and len(series[offer.stream].stamps_ns)
     }
@@ -290,21 +296,29 @@ def _one_clock(series: dict[str, _Series]) -> list[str]:
     return warnings
 
 
-def _readings(bag: OpenBag, offer: Offer, series: _Series) -> StreamReadings:
+def _readings(
+    bag: OpenBag, offer: Offer, all_series: Mapping[str, _Series], companion: Companion | None
+) -> StreamReadings:
+    series = all_series[offer.stream]
     rule = series.rule
     assert rule is not None
-    stamps_ns = np.array(series.stamps_ns, dtype=np.int64)
-    rows = np.array(series.rows).reshape(len(stamps_ns), -1)
+    stamps_ns, rows = series.table()
+    if companion is not None:
+        own = all_series[companion.topic].table()
+        rows = companion.complete((stamps_ns, rows), own, bag.mount_of(companion.topic))
+    told, rows = rows, rule.measured(rows)
     mount = bag.mount_of(offer.channel)
     nominal: dict[str, Value] = {}
     notes = [*series.notes(), *rule.remarks(rows)]
-    if series.first is not None:
-        nominal |= rule.nominal(series.first)
+    if rows is not told:
+        notes.append("its driver leaves a vector 0 throughout, which it does not measure")
+    if len(rows):
+        nominal |= rule.nominal(rows)
     if rule.is_mounted and mount is not None:
-        b_T_s = mount @ RANGE_T_SONAR if rule.kind == _RANGE else mount
+        b_T_s = mount @ RANGE_T_SONAR if rule.kind in RANGE_KINDS else mount
         nominal["T_BS"] = dict(mount_entry(b_T_s))
     elif rule.is_mounted:
-        assumed = "looking straight down" if rule.kind == _RANGE else "body axes"
+        assumed = "looking straight down" if rule.kind in RANGE_KINDS else "body axes"
         frame = brief(bag.frame_of(offer.channel), 40)
         notes.append(f"no transform of its frame {frame!r} in {_TF}: {assumed} assumed; record its transform")
     return StreamReadings(stamps_ns, rule.values(rows, mount), nominal, tuple(notes))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -18,6 +19,9 @@ Array = NDArray[np.float64]
 
 BODY_FRAMES = ("base_link", "body", "base_frame", "fcu", "base_footprint")
 """Usual names of the body's frame, in the order of preference."""
+_WORLD_WORDS = frozenset(("map", "odom", "world", "earth", "origin", "global", "enu", "ned", "utm"))
+_BODY_WORDS = frozenset(("base", "body", "fcu", "imu"))
+"""Words in the name of a frame that turns with the vehicle, for example ``base_link_ned``."""
 
 
 @dataclass
@@ -58,6 +62,22 @@ class MountTree:
 def is_optical(frame: str) -> bool:
     """Return whether a frame has optical axes by its name (REP 103): x right, y down, z ahead."""
     return "optical" in frame.lower()
+
+
+def is_body(frame: str) -> bool:
+    """Return whether a frame has the body's axes by its name, whatever its namespace."""
+    return frame.rpartition("/")[2] in BODY_FRAMES
+
+
+def is_world(frame: str) -> bool:
+    """Return whether a frame does not turn with the vehicle by its name (REP 105)."""
+    words = set(re.split(r"[^a-z]+", frame.lower()))
+    return bool(words & _WORLD_WORDS) and not words & _BODY_WORDS
+
+
+def is_north_east_down(frame: str) -> bool:
+    """Return whether a frame has the axes of aviation by its name."""
+    return "ned" in re.split(r"[^a-z]+", frame.lower())
 
 
 def mount_entry(b_T_s: Array) -> Mapping[str, Value]:
