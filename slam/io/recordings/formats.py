@@ -30,6 +30,11 @@ class Format:
     """The first bytes of a file of this format, one of several."""
     pattern: re.Pattern[bytes] | None = None
     """Pattern of the first bytes, where they vary."""
+    check: str = ""
+    """Function of the module that raises ``InputError`` for a text with the suffix, but of another content.
+
+    Empty where the first bytes tell.
+    """
 
     def begins(self, head: bytes) -> bool:
         """Return whether a file with these first bytes is of this format."""
@@ -51,7 +56,7 @@ _GROUND_LIST = re.compile(
 )
 """A picture, and the first row of its pose."""
 _TABLE = re.compile(
-    rb"(\xef\xbb\xbf)?[^\n\0]*?(?<![a-z])(time|timestamp|stamp|t)(?![a-z])[^\n\0]*?[,;\t]", re.IGNORECASE
+    rb"(\xef\xbb\xbf)?[^\n\0]*?(?<![a-z])(time|timestamp|stamp|t)(?![a-z])[^\n\0]*?[,;|\t]", re.IGNORECASE
 )
 """A header with a time and another column."""
 _SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*[\r\n].*(-->|\[latitude)", re.DOTALL)
@@ -78,7 +83,7 @@ FORMATS: tuple[Format, ...] = (
     Format("a video", "video.video", (".flv",), (b"FLV\x01",)),
     Format("a file of subtitles", "video.video", (".srt",), (), _SUBTITLES),
     Format("a list of ground pictures", "ground_list", (), (), _GROUND_LIST),
-    Format("a table of readings", "table", (".csv", ".tsv"), (), _TABLE),
+    Format("a table of readings", "tables.table", (".csv", ".tsv"), (), _TABLE, "check_titles"),
     Format("an MCAP recording", "foxglove.foxglove", (".mcap",), (), _MCAP_WITHOUT_ROS),
     Format("an MCAP recording", "ros.rosbag", (".mcap",), (b"\x89MCAP0\r\n",)),
 )
@@ -122,6 +127,9 @@ def format_of(path: Path) -> Format | FolderFormat | None:
     named = next((known for known in FORMATS if path.suffix.lower() in known.suffixes), None)
     if found is None and named is not None:
         content = content_name(head)
+        if named.check and not content:
+            getattr(import_module(f"slam.io.recordings.{named.module}"), named.check)(path)
+            return named
         other = f"is {content}" if content else "begins otherwise"
         what = f"has the name of {named.description}, but {other}" if head else "is empty"
         raise refusal(path, what, "copy it again from the recorder, or correct its name")

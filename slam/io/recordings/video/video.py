@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import either
-from slam.core.errors import InputError
 from slam.core.progress import Progress
 from slam.io.content import HEAD_BYTES
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
 from slam.io.files import read_bytes
 from slam.io.recordings.recording import COPY_AGAIN, Content, Offer, PictureChannel, Recording
-from slam.io.recordings.table import KIND, RULES, read_table, recording_of
+from slam.io.recordings.tables.table import KIND, RULES
 from slam.io.recordings.video.gopro_imu import up_in_body
 from slam.io.recordings.video.gpmf import TRACK_CODE, GoproTrack, read_gopro
 from slam.io.recordings.video.model_lens import ModelLens, lens_of_model
@@ -29,6 +28,7 @@ from slam.io.recordings.video.pictures import (
 )
 from slam.io.recordings.video.subtitle_streams import SUBTITLE_READERS, subtitle_offers, video_camera
 from slam.io.recordings.video.subtitles import Subtitles, parse_subtitles
+from slam.io.recordings.video.table_beside import coverage, table_beside
 from slam.io.text_encoding import decode_text
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ def open_recording(path: Path, *subtitles: Path) -> Recording:
         video = _opened(path)
         if subtitles:
             video = replace(video, subtitles=_from_file(subtitles[0]), subtitle_name=subtitles[0].name)
-    beside, remarks = _table_beside(path, video.stamps_s)
+    beside, remarks = table_beside(path, video.stamps_s)
     gopro = video.gopro
 
     def read(chosen: Sequence[Offer], progress: Progress) -> Content:
@@ -215,26 +215,6 @@ def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | N
     return subtitles, f"{path.name} {track.code}", (line,) * bool(lost)
 
 
-def _table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[str, ...]]:
-    """Return the table with the name of a video, and a line about one that cannot be used.
-
-    A table counts from the start of the video; one with other times has a clock of its own.
-    """
-    found = [p for p in path.parent.iterdir() if p.stem == path.stem and p.suffix.lower() == ".csv"]
-    if not found or not len(stamps_s):
-        return None, ()
-    name = found[0].name
-    try:
-        table = read_table(found[0])
-    except InputError as fault:
-        return None, (f"{name} beside the video is not used: {fault}",)
-    times_s = table.series.stamps_ns * 1e-9
-    if not len(times_s) or times_s.min() > stamps_s[-1] or times_s.max() < 0:
-        do = f"give it as a source of its own: slam import {path.name} {name} --out FLIGHT"
-        return None, (f"{name} is not used: its times are not those of the video; {do}",)
-    return recording_of(found[0], table), ()
-
-
 def _from_file(path: Path) -> Subtitles:
     content = read_bytes(path, path.parent, MAX_SUBTITLE_BYTES)
     return parse_subtitles(decode_text(content)[0])
@@ -263,21 +243,11 @@ def _coverage(video: _Video) -> tuple[str, ...]:
     """Return a warning where the subtitles are empty, or begin late or end early."""
     if video.subtitles is None or not len(video.stamps_s):
         return ()
-    cues_s = video.subtitles.stamps_s
-    if not len(cues_s):
+    if not len(video.subtitles.stamps_s):
         return (
             f"{video.subtitle_name} holds no subtitle; switch subtitles on in the camera to have positions",
         )
-    # Each subtitle holds until the next; the last one for as long as the others.
-    step_s = float(np.median(np.diff(cues_s))) if len(cues_s) > 1 else 0.0
-    begin_s, end_s, video_s = float(cues_s[0]), float(cues_s[-1]) + step_s, float(video.stamps_s[-1])
-    if begin_s <= 2 * step_s and end_s >= video_s - step_s:
-        return ()
-    covered = f"{begin_s:.1f} to {end_s:.1f} s of a video of {video_s:.1f} s"
-    return (
-        f"{video.subtitle_name} covers {covered}; beyond, there is no position; copy it again if it is "
-        "longer",
-    )
+    return coverage(video.subtitle_name, video.subtitles.stamps_s, float(video.stamps_s[-1]))
 
 
 def _pictures(path: Path, video: _Video, has_angles: bool) -> PictureChannel:

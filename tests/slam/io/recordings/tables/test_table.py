@@ -1,10 +1,8 @@
-"""Tables of readings: names, units, angles of aviation, and tables beside a video."""
+"""Tables of readings: names, units and angles of aviation."""
 
 from __future__ import annotations
 
-import re
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,19 +10,8 @@ import pytest
 from slam.cli.source import open_flight
 from slam.core.errors import InputError
 from slam.core.progress import silent
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.choice import Request
-from slam.io.recordings.formats import open_recording
+from tests.slam.io.recordings.tables.made_table import read, table
 from tests.slam.io.recordings.video.made_video import video
-
-
-def read(path: Path, **topics: str):
-    return flight_of(open_recording(path), Request(topics))
-
-
-def table(path: Path, header: str, *rows: str) -> Path:
-    path.write_text("\n".join([header, *rows]) + "\n")
-    return path
 
 
 def test_units_and_spellings_become_those_of_a_flight(tmp_path):
@@ -102,30 +89,6 @@ def test_positions_that_are_held_and_those_before_a_fix_are_left_out(tmp_path):
 def test_a_table_whose_meaning_is_uncertain_is_one_line(tmp_path, header, why):
     with pytest.raises(InputError, match=why):
         read(table(tmp_path / "a.csv", header, "0,1,2,3"))
-
-
-def test_a_table_beside_a_video_is_on_its_clock(tmp_path):
-    path = video(tmp_path / "a.mp4")
-    table(tmp_path / "a.csv", "time [s],range [m]", *(f"{k / 5},{1 + k / 10}" for k in range(20)))
-    flight = read(path)
-    assert len(flight.frames) == 40
-    assert flight.sonar.stamps_s[:2] == pytest.approx([0.0, 0.2])
-    assert flight.sonar.range_m[10] == pytest.approx(2.0)
-
-
-@pytest.mark.parametrize(
-    ("header", "why"),
-    [
-        ("time [s],range [m]", "its times are not those of the video; give it as a source of its own"),
-        ("time [s],range", "is not used: .*has no unit"),
-    ],
-)
-def test_a_table_that_does_not_fit_the_video_is_named(tmp_path, header, why):
-    path = video(tmp_path / "a.mp4")
-    table(tmp_path / "a.csv", header, *(f"{1.6e9 + k},1" for k in range(9)))
-    flight = read(path)
-    assert flight.sonar is None
-    assert any(re.search(f"a.csv.*{why}", line) for line in flight.warnings)
 
 
 def test_an_archive_of_a_video_and_its_table(tmp_path):

@@ -1,0 +1,1 @@
+"""Tables of readings, and what their columns and cells mean."""

@@ -1,0 +1,95 @@
+"""Numbers and coordinates in the cells of a table."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.io.files import brief, refusal
+from slam.io.recordings.tables.columns import Column
+from slam.io.recordings.tables.layout import Layout
+
+Array = NDArray[np.float64]
+
+_MISSING = ("", "-", "nan", "null", "none", "na", "n/a")
+"""Cells without a reading, in small letters."""
+_WITH_POINT = re.compile(r"[-+]?\d*\.\d+")
+_WITH_COMMA = re.compile(r"[-+]?\d+,\d+")
+_LIKE_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
+_COORDINATE = re.compile(r"([NSEW])?\s*([-+.,\d]+)\s*°?\s*([NSEW])?", re.IGNORECASE)
+"""A number with the letter of its hemisphere before or behind it."""
+
+
+def decimal_mark(path: Path, layout: Layout, columns: Iterable[Column]) -> str:
+    """Return the decimal mark of a table, a point or a comma: that of most numbers of its columns.
+
+    Raises ``InputError`` where commas may as well separate thousands.
+    """
+    cells = [(cell, line) for each in columns for cell, line in _column(layout, each.k)]
+    points = sum(_WITH_POINT.fullmatch(cell) is not None for cell, _ in cells)
+    commas = [(cell, line) for cell, line in cells if _WITH_COMMA.fullmatch(cell)]
+    if len(commas) <= points:
+        return "."
+    if layout.delimiter == "," and all(_LIKE_THOUSANDS.fullmatch(cell) for cell, _ in commas):
+        cell, line = commas[0]
+        what = f"has {cell!r}: its comma is a decimal mark, or separates thousands"
+        raise refusal(path, what, "write decimal points, and no separators of thousands", line)
+    return ","
+
+
+def numbers(layout: Layout, column: Column, mark: str) -> tuple[Array, tuple[str, ...]]:
+    """Return a column (n,) in the units of the flight format, NaN where missing; and a line about its faults.
+
+    ``mark`` is the decimal mark.
+    """
+    is_coordinate = column.quantity in ("latitude", "longitude")
+    values = np.full(len(layout.rows), np.nan)
+    faults = []
+    for row, (cell, line) in enumerate(_column(layout, column.k)):
+        try:
+            values[row] = _coordinate(cell, mark) if is_coordinate else _number(cell, mark)
+        except ValueError:
+            if cell.lower() not in _MISSING:
+                faults.append((cell, line))
+    return values * column.factor, _told(column, faults, len(values))
+
+
+def _told(column: Column, faults: Sequence[tuple[str, int]], count: int) -> tuple[str, ...]:
+    if not faults:
+        return ()
+    cell, line = faults[0]
+    is_marked = "," in cell
+    do = "write decimal points and no other marks" if is_marked else "leave cells without a reading empty"
+    return (
+        f"column {brief(column.title, 40)!r}: {len(faults)} of {count} cells are no numbers, first "
+        f"{brief(cell, 40)!r} in line {line}; {do}",
+    )
+
+
+def _column(layout: Layout, k: int) -> list[tuple[str, int]]:
+    """Return the cells of column k, and their lines."""
+    return [
+        (row[k].strip() if k < len(row) else "", line)
+        for row, line in zip(layout.rows, layout.lines, strict=True)
+    ]
+
+
+def _number(cell: str, mark: str) -> float:
+    """Return the number of a cell. Raises ``ValueError``."""
+    if "_" in cell or (mark == "," and "." in cell):
+        raise ValueError(cell)
+    return float(cell.replace(mark, "."))
+
+
+def _coordinate(cell: str, mark: str) -> float:
+    """Return the number of a cell, negative in the south and in the west. Raises ``ValueError``."""
+    found = _COORDINATE.fullmatch(cell)
+    if found is None:
+        return _number(cell, mark)
+    letter = (found[1] or found[3] or "N").upper()
+    value = _number(found[2], mark)
+    return -value if letter in "SW" else value
