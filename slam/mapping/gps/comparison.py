@@ -15,6 +15,7 @@ from slam.mapping.gps.stated_accuracy import (
     Contradiction,
     FixesOnMap,
     altitude_contradiction,
+    mirror_contradiction,
     stated_accuracy_contradiction,
 )
 
@@ -75,8 +76,9 @@ class FixComparison:
     def contradictions(self, agreement: Agreement, w_T_b: Array) -> list[Contradiction]:
         """Compare the stated or assumed accuracy with refined poses ``w_T_b`` (m, 4, 4)."""
         fixes, high = self.fixes, agreement.altitude_used & np.isfinite(agreement.off_m[:, 2])
+        on_map = self._on_map(agreement, w_T_b)
         found = (
-            stated_accuracy_contradiction(self._on_map(agreement, w_T_b), fixes.std_m, fixes.stated),
+            mirror_contradiction(on_map) or stated_accuracy_contradiction(on_map, fixes.std_m, fixes.stated),
             altitude_contradiction(agreement.off_m[high, 2], fixes.std_m[2], fixes.stated),
         )
         return [each for each in found if each is not None]

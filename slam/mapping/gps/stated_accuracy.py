@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.quantiles import chi_square_limit
+from backend.quantiles import chi_square_limit, f_tail
 from slam.mapping.gps.consensus import FALSE_ALARM, LEAST_FIXES, STATED_SIGMAS
 
 Array = NDArray[np.float64]
@@ -94,6 +94,28 @@ class Contradiction:
         return f"{self.differs}, which is taken as their noise: {why}"
 
 
+def mirror_contradiction(fixes: FixesOnMap) -> Contradiction | None:
+    """Return how the fixes lie where they fit the mirror image of the map significantly better; else None.
+
+    A similarity of the map fits mirrored fixes by shrinking, and leaves differences within their accuracy
+    where the ground is small. Both fits have as many parameters: an F-test needs no accuracy.
+    """
+    to, of = (points @ (1, 1j) for points in (fixes.w_p_m + fixes.off_m, fixes.w_p_m))
+    dof = 2 * len(of) - 4
+    if len(of) < LEAST_FIXES:
+        return None
+    as_is, mirrored = (
+        float(np.sum(np.abs(to - J @ np.linalg.lstsq(J, to, rcond=None)[0]) ** 2))
+        for J in (np.column_stack([np.ones_like(of), shape]) for shape in (of, of.conj()))
+    )
+    if mirrored > _MOST_LEFT * as_is or f_tail(as_is / (mirrored + 1e-30), dof, dof) > FALSE_ALARM:
+        return None
+    off_m, mirrored_m = np.sqrt(as_is / dof), np.sqrt(mirrored / dof)
+    differs = f"gps0: its fixes differ from the map by {off_m:.2g} m a horizontal axis"
+    figures = f"that image is {mirrored_m:.2g} m off them"
+    return Contradiction(differs, Pattern("mirror", 1.0 - mirrored / as_is, figures))
+
+
 def stated_accuracy_contradiction(
     fixes: FixesOnMap, stated_std_m: tuple[float, float, float], stated: bool = True
 ) -> Contradiction | None:
@@ -150,8 +172,6 @@ def pattern(fixes: FixesOnMap) -> Pattern:
         if len(r) <= J.shape[1] + 2 or np.linalg.matrix_rank(J) < J.shape[1]:
             continue
         parameters: Array = np.linalg.lstsq(J, r, rcond=None)[0].astype(float)
-        if model.kind == "mirror" and not _mirrors(parameters):
-            continue
         left = float(np.sum((r - J @ parameters) ** 2))
         if left > _MOST_LEFT * float(np.sum(r**2)):
             continue
@@ -190,16 +210,10 @@ def _models(fixes: FixesOnMap) -> Iterator[_Model]:
     yield _Model("scale", similar)
     yield _Model("body", np.column_stack([body, similar]))
     yield _Model("place", np.kron(terms, np.eye(2)))
-    yield _Model("mirror", np.kron(np.column_stack([np.ones(n), centred]), np.eye(2)))
     yield _Model("delay", np.column_stack([delay, similar]))
     for first in np.unique(np.linspace(n / 8, 7 * n / 8, _MOST_STEPS).astype(int)).tolist():
         later = np.repeat(np.arange(n) >= first, 2)[:, None]
         yield _Model("step", np.column_stack([delay * later, similar]), first)
-
-
-def _mirrors(parameters: Array) -> bool:
-    """Return whether the map plus differences that are linear over it, (6,), is its mirror image."""
-    return float(np.linalg.det(np.eye(2) + parameters[2:].reshape(2, 2).T)) < 0
 
 
 def _extent(fixes: FixesOnMap) -> float:

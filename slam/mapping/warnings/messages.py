@@ -34,7 +34,7 @@ from slam.mapping.context import Context
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.obstacles import echoes_in_map, range_contradiction
-from slam.mapping.warnings.accuracy_basis import Shares, scale_warning
+from slam.mapping.warnings.accuracy_basis import Shares, scale_warning, vague_lengths_warning
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
 from slam.mapping.warnings.lean import lean_warning
@@ -189,7 +189,7 @@ def _reasons(
         *single_join_warnings(flight, map_, context.bridges.join(map_.odometry or map_).component),
         parts_warning(flight, map_),
         *_placement_warnings(map_, not_placed),
-        "" if by_metres else scale_warning(flight, map_, shares),
+        vague_lengths_warning(map_) if by_metres else scale_warning(flight, map_, shares),
     ]
     return [line for line in lines if line]
 

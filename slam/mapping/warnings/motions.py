@@ -105,6 +105,7 @@ def _motions(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[Ste
         angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0)
         read = np.subtract(*(_at(flight.attitude.stamps_s, angles, at) for at in (end_s, begin_s)))
         made = np.diff(np.unwrap(roll_pitch_yaw_of(poses[:, :3, :3]), axis=0), axis=0)[near]
+        read = made + np.angle(np.exp(1j * (read - made)))  # half a turn to the left is one to the right
         noise_rad = np.sqrt(2.0) * max(flight.attitude.noise_std_rad)
         motions += [
             StepMotion("attitude0 (roll, pitch)", read[:, :2], made[:, :2], lasts_s, noise=noise_rad),

@@ -11,6 +11,7 @@ from slam.mapping.gps.fixes import Fixes
 from slam.mapping.gps.stated_accuracy import (
     FixesOnMap,
     altitude_contradiction,
+    mirror_contradiction,
     pattern,
     stated_accuracy_contradiction,
 )
@@ -43,8 +44,6 @@ def fixes(kind, n=40, seed=0, std_m=0.01):
         "place": 0.5 * centred * np.sum(centred**2, axis=1, keepdims=True) + 0.4 * centred[:, :1] ** 2,
         "delay": -0.15 * velocity + [0.3, -0.1] + 0.2 * centred,
         "step": -0.15 * velocity * (np.arange(n) >= 0.6 * n)[:, None] + [0.3, -0.1],
-        # The map is shrunk, as the similarity that fits a mirror image best does it.
-        "mirror": centred * [45.0, -45.0] - 20.0 * centred,
         "scale": 45.0 * 0.2 * centred + [0.3, -0.1],
         "": rng.normal(0, 0.5, (n, 2)),
         "good": np.zeros((n, 2)),
@@ -61,7 +60,6 @@ def fixes(kind, n=40, seed=0, std_m=0.01):
         ("delay", "the clocks are doubted"),
         ("step", "from fix 24 on"),
         ("scale", "lengths by the GPS are 1.2 times those of the map"),
-        ("mirror", "they are a mirror image of the map"),
         ("", "the stated accuracy is doubted"),
     ],
 )
@@ -72,6 +70,38 @@ def test_the_pattern_of_the_differences_says_what_is_doubted(kind, doubted, seed
     assert doubted in line
     assert "states 0.01 m" in line
     assert "\n" not in line
+
+
+def mirrored(rng, std_m, n=40, size=1.0):
+    """The map as a similarity fits it to mirrored fixes with noise."""
+    place, w_R_b, velocity = survey(rng, n)
+    read = size * place * [1.0, -1.0] + rng.normal(0, std_m, (n, 2))
+    made, seen = read @ (1, 1j), place @ (1, 1j)
+    J = np.column_stack([np.ones(n), seen])
+    fitted = J @ np.linalg.lstsq(J, made, rcond=None)[0]
+    here = np.column_stack([fitted.real, fitted.imag])
+    return FixesOnMap(read - here, here, w_R_b, velocity, tuple(f"fix {k}" for k in range(n)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("size", [0.2, 1.0, 10.0])
+def test_a_mirror_image_is_told_whatever_accuracy_is_stated(seed, size):
+    found = mirror_contradiction(mirrored(np.random.default_rng(seed), 2.0, size=size))
+    assert found is not None
+    assert "they are a mirror image of the map" in found.warning
+
+
+@pytest.mark.parametrize("n", [3, 4, 12, 40])
+def test_fixes_that_are_as_the_map_are_no_mirror_image(n):
+    for kind in ("good", "", "body", "place", "delay", "step", "scale"):
+        assert not any(mirror_contradiction(fixes(kind, n, seed)) for seed in range(30))
+    for seed in range(200):  # a line is as its mirror image, and noise hides a shape
+        rng = np.random.default_rng(seed)
+        made = fixes("good", n, seed)
+        line = replace(made, w_p_m=made.w_p_m * [1.0, 0.0], off_m=rng.normal(0, 1.0, (n, 2)))
+        assert mirror_contradiction(line) is None
+        vague = replace(made, off_m=rng.normal(0, 300.0, (n, 2)))
+        assert mirror_contradiction(vague) is None
 
 
 def test_the_pattern_is_told_in_figures():

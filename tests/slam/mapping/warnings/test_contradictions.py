@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from slam.core.flight import Flight
 from slam.mapping.warnings.contradictions import contradictions
@@ -43,6 +44,20 @@ def test_neither_noise_nor_gain_nor_delay_contradicts(flight: Flight):
     noise = np.random.default_rng(1).normal(0.0, np.radians(0.5), attitude.roll_pitch_yaw_rad.shape)
     rough = replace(attitude, roll_pitch_yaw_rad=attitude.roll_pitch_yaw_rad + noise)
     assert told(replace(flight, velocity=slow, attitude=rough)) == []
+
+
+def test_half_a_turn_has_no_direction(flight: Flight):
+    """On lanes there and back the yaw turns by half a turn between two pictures, to one side or the other."""
+    stamps_s = np.arange(20) * 1.0
+    heading = np.pi * (np.arange(20) // 4 % 2)
+    rng = np.random.default_rng(3)
+    read, made = (np.column_stack([np.zeros((20, 2)), heading + rng.normal(0, 0.03, 20)]) for _ in range(2))
+    read = np.angle(np.exp(1j * read))
+    poses = np.tile(np.eye(4), (20, 1, 1))
+    poses[:, :3, :3] = Rotation.from_euler("ZYX", made[:, ::-1]).as_matrix()
+    attitude = replace(flight.attitude, stamps_s=stamps_s, roll_pitch_yaw_rad=read)
+    alone = replace(flight, imu=None, velocity=None, sonar=None, attitude=attitude)
+    assert contradictions(KeyframeSteps.of(alone, stamps_s, poses, True)) == []
 
 
 def test_an_attitude_that_hardly_knows_contradicts_nothing(flight: Flight):
