@@ -53,6 +53,8 @@ class PhotoTags:
     focal_mm: float | None = None
     focal_35mm: float | None = None
     """Focal length with the same diagonal view on 35 mm film [mm]."""
+    digital_zoom: float | None = None
+    """Factor by which the camera enlarged the middle of the picture; None without it."""
     sensor_px_per_mm: float | None = None
     """Original pixels per millimetre of the sensor."""
     calibrated_focal_px: float | None = None
@@ -168,6 +170,7 @@ def _camera(tags: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
         "original_size_px": (width, height) if width and height else None,
         "focal_mm": positive(tags.get(Base.FocalLength)),
         "focal_35mm": positive(tags.get(Base.FocalLengthIn35mmFilm)),
+        "digital_zoom": positive(tags.get(Base.DigitalZoomRatio)),
         "sensor_px_per_mm": px_per_mm,
         "calibrated_focal_px": positive(
             xmp.text("drone", "CalibratedFocalLength", "CalibratedFocalLength.X")

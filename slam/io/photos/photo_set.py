@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from slam.io.photos.camera import relative_focal
 from slam.io.photos.exif import Angles, PhotoTags, read_tags
 from slam.io.photos.search import find_photos
 from slam.io.photos.unused_tags import unused_tags
+from slam.io.photos.zoom import zooms
 
 Array = NDArray[np.float64]
 
@@ -184,19 +186,20 @@ def _down_looking(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> li
 
 
 def _of_one_camera(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> list[Photo]:
-    """Return the largest group with one model, size and focal length.
+    """Return the largest group with one model, size, focal length and zoom.
 
     Of equal groups, it is the one with the widest view, as its pictures overlap most; then the one with the
     most pixels, and then the first by name.
     """
     if not photos:
         return []
+    kinds = _kinds([photo.tags for photo in photos])
     groups: dict[_Kind, list[Photo]] = defaultdict(list)
-    for photo in photos:
-        groups[_Kind.of(photo.tags)].append(photo)
+    for photo, kind in zip(photos, kinds, strict=True):
+        groups[kind].append(photo)
     used = min(groups, key=lambda kind: _rank(groups[kind]))
-    for photo in photos:
-        if reason := _Kind.of(photo.tags).difference(used):
+    for photo, kind in zip(photos, kinds, strict=True):
+        if reason := kind.difference(used):
             left_out[reason].append(photo.name)
     return groups[used]
 
@@ -210,6 +213,8 @@ class _Kind:
     size_px: tuple[int, int]
     focal_mm: float | None
     lens_name: str
+    zoom: tuple[float, ...] = ()
+    """Typical values of the quantities that a zoom changes (`slam.io.photos.zoom`)."""
 
     @classmethod
     def of(cls, tags: PhotoTags) -> _Kind:
@@ -223,11 +228,25 @@ class _Kind:
             other = "another size than the {} x {} px of the ones in use".format(*used.size_px)
         elif (self.make, self.model) != (used.make, used.model):
             other = f"another camera than the {used.model or 'nameless one'} of the ones in use"
-        elif self.focal_mm == used.focal_mm:
+        elif self.lens_name != used.lens_name and self.focal_mm == used.focal_mm:
             other = "another lens of the camera than that of the ones in use"
+        elif self.focal_mm == used.focal_mm:
+            factors = [own / other for own, other in zip(self.zoom, used.zoom, strict=True)]
+            factor = max(factors, key=lambda factor: abs(math.log(factor)))
+            other = f"another zoom, {factor:.3g} times the focal length of the ones in use"
         else:
             other = f"another focal length than the {used.focal_mm or '(unknown)'} mm of the ones in use"
         return f"{other}; map them alone"
+
+
+def _kinds(photos: Sequence[PhotoTags]) -> list[_Kind]:
+    """Return the kind of each photograph; those of one lens are compared for their zoom."""
+    kinds = [_Kind.of(tags) for tags in photos]
+    for lens in set(kinds):
+        same = [k for k, kind in enumerate(kinds) if kind == lens]
+        for k, zoom in zip(same, zooms([photos[k] for k in same]), strict=True):
+            kinds[k] = replace(lens, zoom=zoom)
+    return kinds
 
 
 def _rank(group: Sequence[Photo]) -> tuple[int, float, int]:

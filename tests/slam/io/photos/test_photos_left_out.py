@@ -79,6 +79,32 @@ def test_photographs_of_another_camera_are_left_out_by_name(tmp_path):
     assert warned(flight, "another focal length", "z.jpg")
 
 
+@pytest.mark.parametrize(
+    ("tags", "drone"),
+    [
+        ({Base.FocalLengthIn35mmFilm: 36}, {}),
+        ({Base.DigitalZoomRatio: IFDRational(15, 10)}, {}),
+        ({Base.FocalLengthIn35mmFilm: 24}, {"CalibratedFocalLength": "90"}),
+    ],
+)
+def test_photographs_of_another_zoom_are_left_out(tmp_path, tags, drone):
+    own = {Base.FocalLength: IFDRational(88, 10), Base.FocalLengthIn35mmFilm: 24}
+    files = strip(3, tags=own, drone={"CalibratedFocalLength": "60"}) | {
+        "bare.jpg": jpeg(tags=own | {Base.DigitalZoomRatio: IFDRational(0)}),
+        "z.jpg": jpeg(tags=own | tags, drone=drone),
+    }
+    flight = import_photos(fill(tmp_path, files))
+    assert set(flight.frames.names) == {"P0.jpg", "P1.jpg", "P2.jpg", "bare.jpg"}
+    assert warned(flight, "1 of 5 photographs", "another zoom, 1.5 times the focal length", "map them alone")
+
+
+def test_rounded_focal_lengths_are_one_zoom(tmp_path):
+    files = strip(2, tags={Base.FocalLengthIn35mmFilm: 50}) | {
+        "a.jpg": jpeg(tags={Base.FocalLengthIn35mmFilm: 51})
+    }
+    assert len(import_photos(fill(tmp_path, files)).frames.names) == 3
+
+
 @pytest.mark.parametrize("films_mm", [(48, 24), (24, 48)])
 def test_of_two_lenses_with_equally_many_photographs_the_wide_one_is_used(tmp_path, films_mm):
     sizes = {24: (64, 48), 48: (80, 60)}  # those with more pixels, but less overlap, are the narrow ones
