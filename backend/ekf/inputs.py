@@ -127,8 +127,11 @@ class FilterModel:
     """Random walk of the zero, per root second."""
     b_beam: tuple[float, float, float] = (0.0, 0.0, -1.0)
     """Unit vector of the range's beam in body axes."""
+    b_p_imu_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     b_p_range_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     b_p_camera_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    b_p_position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Place of the antenna. Velocity and barometric height are those of the body's origin."""
     gate_probability: float = 1e-5
     """Tail probability of the gate. A component beyond it is down-weighted to the gate; one beyond four times
     the squared gate is rejected."""

@@ -4,6 +4,9 @@ The state holds the paper's four (position, velocity, acceleration, attitude; eq
 instrument errors: offsets, scales, correlated errors. The error state is additive, except for attitudes,
 whose error is a right perturbation in body axes, ``R = R_hat Exp(theta)``.
 
+Position, velocity and acceleration are those of the IMU: there alone the specific force needs no angular
+acceleration, which nothing measures.
+
 Acceleration and body rate are exponentially correlated (Singer 1970, "Estimating optimal tracking filter
 performance for manned maneuvering targets"): readings determine them, and across a gap they
 decay to zero while their variance returns to the stationary one.
@@ -54,9 +57,12 @@ position, velocity and acceleration have the same indices as in the error state.
 
 (
     ACCEL_STD, ACCEL_TAU, RATE_STD, RATE_TAU, GYRO_WALK, BIAS_WALK, TILT_STD, TILT_TAU, YAW_WALK,
-    FLOW_STD, FLOW_TAU, BARO_WALK, MOTION,
+    FLOW_STD, FLOW_TAU, BARO_WALK, BEAM,
 ) = range(13)  # fmt: skip
-"""Index of each parameter in the flat vector of the motion model."""
+"""Index of each parameter in the flat vector of the model; the direction of the beam follows the motion."""
+LEVERS = BEAM + 3
+LEVER_TO_RANGE, LEVER_TO_CAMERA, LEVER_TO_ANTENNA, LEVER_TO_ORIGIN = range(LEVERS, LEVERS + 12, 3)
+"""Indices of the levers from the IMU, in body axes."""
 
 
 @kernel

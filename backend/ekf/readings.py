@@ -14,11 +14,15 @@ from backend.ekf.motion import (
     ACCEL_BIAS,
     ATTITUDE_ERROR,
     BARO_ZERO,
+    BEAM,
     CLONE_POS,
     CLONE_ROT,
     GPS_ZERO,
     GYRO_BIAS,
-    MOTION,
+    LEVER_TO_ANTENNA,
+    LEVER_TO_CAMERA,
+    LEVER_TO_ORIGIN,
+    LEVER_TO_RANGE,
     POS,
     RANGE_BIAS,
     RANGE_SCALE,
@@ -100,15 +104,22 @@ def predict(kind: int, x: Array, value: Array, model: Array, z: Array, H: Array)
     elif kind == RANGE:
         return _range(x, model, z, H)
     elif kind == VELOCITY:
-        return _heading_velocity(x, z, H)
+        return _heading_velocity(x, model, z, H)
     elif kind == BAROMETER:
-        z[0] = x[2] + x[X_BARO_ZERO]
+        up, lever = rotation(quaternion(x[X_ROT:]))[2], vector(model[LEVER_TO_ORIGIN:])
+        z[0] = x[2] + dot(up, lever) + x[X_BARO_ZERO]
+        write_row(cross(lever, up), 1.0, H[0, ROT:])
         H[0, POS + 2] = H[0, BARO_ZERO] = 1.0
     elif kind == GYRO:
         _add_states(x[X_RATE:], z, H[:, RATE:])
         _add_states(x[X_GYRO_BIAS:], z, H[:, GYRO_BIAS:])
     elif kind == POSITION:
         _add_states(x[POS:], z, H[:, POS:])
+        R, lever = rotation(quaternion(x[X_ROT:])), vector(model[LEVER_TO_ANTENNA:])
+        offset = apply(R, lever)
+        for k in range(3):
+            z[k] += offset[k]
+        write(multiply(R, hat(lever)), -1.0, H[:, ROT:])
         z[2] += x[X_GPS_ZERO]
         H[2, GPS_ZERO] = 1.0
     elif kind == REST:
@@ -181,9 +192,9 @@ def _attitude(x: Array, value: Array, z: Array, H: Array) -> bool:
 def _range(x: Array, model: Array, z: Array, H: Array) -> bool:
     """Predict the range along the beam from the sensor: ``scale * height / cosine + offset``.
 
-    The model holds the beam's direction and the sensor's position in body axes.
+    The model holds the beam's direction and the lever to the sensor in body axes.
     """
-    beam, lever = vector(model[MOTION:]), vector(model[MOTION + 3 :])
+    beam, lever = vector(model[BEAM:]), vector(model[LEVER_TO_RANGE:])
     up = rotation(quaternion(x[X_ROT:]))[2]
     cosine, height = -dot(up, beam), x[2] + dot(up, lever)
     if cosine < _MIN_COSINE:
@@ -198,22 +209,27 @@ def _range(x: Array, model: Array, z: Array, H: Array) -> bool:
 
 
 @inner_kernel
-def _heading_velocity(x: Array, z: Array, H: Array) -> bool:
-    """Predict horizontal velocity in yaw axes, forward and left, each with scale and correlated error."""
+def _heading_velocity(x: Array, model: Array, z: Array, H: Array) -> bool:
+    """Predict horizontal velocity of the body's origin in yaw axes, forward and left, each with scale and
+    correlated error."""
     R = rotation(quaternion(x[X_ROT:]))
     cosine = math.sqrt(R[0][0] * R[0][0] + R[1][0] * R[1][0])
     if cosine < _MIN_COSINE or R[2][1] * R[2][1] + R[2][2] * R[2][2] < _MIN_COSINE * _MIN_COSINE:
         return False
     c, s = R[0][0] / cosine, R[1][0] / cosine
-    forward, left = c * x[VEL] + s * x[VEL + 1], -s * x[VEL] + c * x[VEL + 1]
+    lever = vector(model[LEVER_TO_ORIGIN:])
+    around = cross(vector(x[X_RATE:]), lever)
+    v = added(vector(x[VEL:]), apply(R, around))
+    forward, left = c * v[0] + s * v[1], -s * v[0] + c * v[1]
     yaw = angle_rates(R)[2]
     for k in range(2):
         along, turned_by = (forward, left) if k == 0 else (left, -forward)
-        scale = 1 + x[X_VEL_SCALE + k]
+        axis = (c, s, 0.0) if k == 0 else (-s, c, 0.0)
+        b_axis, scale = apply(transpose(R), axis), 1 + x[X_VEL_SCALE + k]
         z[k] = scale * along + x[X_VEL_ERROR + k]
-        H[k, VEL] = scale * (c if k == 0 else -s)
-        H[k, VEL + 1] = scale * (s if k == 0 else c)
-        write_row(yaw, scale * turned_by, H[k, ROT:])
+        write_row(axis, scale, H[k, VEL:])
+        write_row(added(scaled(turned_by, yaw), cross(around, b_axis)), scale, H[k, ROT:])
+        write_row(cross(lever, b_axis), scale, H[k, RATE:])
         H[k, VEL_SCALE + k], H[k, VEL_ERROR + k] = along, 1.0
     return True
 
@@ -228,7 +244,7 @@ def step_residual(x: Array, seen: Array, model: Array, out: Array, H: Array) -> 
     """
     H[:] = 0.0
     out[:] = 0.0
-    lever = vector(model[MOTION + 6 :])
+    lever = vector(model[LEVER_TO_CAMERA:])
     clone, now = rotation(quaternion(x[X_CLONE_ROT:])), rotation(quaternion(x[X_ROT:]))
     height = x[X_CLONE_POS + 2] + dot(clone[2], lever)
     if height < _MIN_HEIGHT_M:

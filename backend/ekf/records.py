@@ -52,7 +52,8 @@ class FilterInputs(NamedTuple):
     linearization: Array
     """(e, STATE) linearisation points; empty in the first round."""
     model: Array
-    """(MOTION + 9,) see `backend.ekf.motion`; then beam direction, rangefinder and camera position."""
+    """(LEVERS + 12,) see `backend.ekf.motion`; the levers go from the IMU to rangefinder, camera, antenna and
+    the body's origin."""
     gates: Gates
 
 

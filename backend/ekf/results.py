@@ -70,7 +70,7 @@ class States:
     w_v_m_s: Array
     """(n, 3)."""
     w_a_m_s2: Array
-    """(n, 3)."""
+    """(n, 3) acceleration of the IMU."""
     errors: dict[str, Array]
     """Instrument errors by name: (n, 3) gyro_offset, accel_offset, own_attitude; (n, 1) range_scale,
     range_offset, barometer_zero, position_zero; (n, 2) velocity_scale, velocity_error."""
@@ -98,6 +98,8 @@ class Track:
     channels: dict[str, InstrumentInnovations]
 
 
+_MOTION = at.ATTITUDE_ERROR
+"""Number of recorded rows before the cloned pose."""
 _ERRORS = {
     "gyro_offset": (at.X_GYRO_BIAS, at.GYRO_BIAS, 3),
     "accel_offset": (at.X_ACCEL_BIAS, at.ACCEL_BIAS, 3),
@@ -112,15 +114,15 @@ _ERRORS = {
 """Name -> index in the nominal state, index in the error state, and dimension."""
 
 
-def build_states(found: StateRecords, clone: bool) -> States:
-    """Convert nominal states and error covariances to poses and their covariances."""
-    x, C = found.x, found.C
+def build_states(found: StateRecords, model: FilterModel, clone: bool) -> States:
+    """Convert nominal states and error covariances to poses of the body's origin and their covariances."""
+    x, C = _of_origin(found, -np.array(model.b_p_imu_m))
     R = _rotations(x[:, at.X_ROT : at.X_RATE])
     w_T_b = _poses(R, x[:, :3])
-    to_body = np.zeros((len(x), 6, 12))
+    to_body = np.zeros((len(x), 6, at.RATE))
     to_body[:, :3, at.ROT : at.RATE] = np.eye(3)
     to_body[:, 3:, :3] = R.transpose(0, 2, 1)
-    motion = C[:, :12, :12]
+    motion = C[:, : at.RATE, : at.RATE]
     clone_T_b, clone_T_b_covariances, since = np.full_like(w_T_b, np.nan), *np.full((2, len(x), 6, 6), np.nan)
     if clone:
         clone_T_b[1:], clone_T_b_covariances[1:], since[1:] = _from_clone(x[1:], C[1:], R[1:])
@@ -138,17 +140,35 @@ def build_states(found: StateRecords, clone: bool) -> States:
     )
 
 
+def _of_origin(found: StateRecords, lever_m: Array) -> tuple[Array, Array]:
+    """Return nominal states (n, STATE) and covariances (n, r, r) of the body's origin, ``lever_m`` (3,) from
+    the IMU in body axes."""
+    x = found.x.copy()
+    J = np.tile(np.eye(len(found.rows)), (len(x), 1, 1))
+    R, across = _rotations(x[:, at.X_ROT : at.X_RATE]), se3.cross_matrix(lever_m)
+    around = np.cross(x[:, at.X_RATE : at.X_ATTITUDE_ERROR], lever_m)
+    x[:, :3] += R @ lever_m
+    x[:, at.VEL : at.ACC] += np.einsum("nab,nb->na", R, around)
+    J[:, : at.VEL, at.ROT : at.RATE] = J[:, at.VEL : at.ACC, at.RATE : at.ATTITUDE_ERROR] = -R @ across
+    J[:, at.VEL : at.ACC, at.ROT : at.RATE] = -R @ se3.cross_matrix(around)
+    if len(found.rows) > _MOTION:
+        clone = _rotations(x[:, at.X_CLONE_ROT : at.STATE])
+        x[:, at.X_CLONE_POS : at.X_CLONE_ROT] += clone @ lever_m
+        J[:, _MOTION : _MOTION + 3, _MOTION + 3 :] = -clone @ across
+    return x, J @ found.C @ J.transpose(0, 2, 1)
+
+
 def _from_clone(x: Array, C: Array, w_R_b: Array) -> tuple[Array, Array, Array]:
     """Return the pose relative to the clone, its covariance, and that with an exact clone position."""
     clone = _rotations(x[:, at.X_CLONE_ROT : at.STATE]).transpose(0, 2, 1)
     R, moved = clone @ w_R_b, np.einsum("nab,nb->na", clone, x[:, :3] - x[:, at.X_CLONE_POS : at.X_CLONE_ROT])
     back, to_body = R.transpose(0, 2, 1), w_R_b.transpose(0, 2, 1)
-    J = np.zeros((len(x), 6, 18))
-    J[:, :3, 9:12], J[:, :3, 15:] = np.eye(3), -back
-    J[:, 3:, :3], J[:, 3:, 12:15] = to_body, -to_body
-    J[:, 3:, 15:] = back @ se3.cross_matrix(moved)
+    J, turned = np.zeros((len(x), 6, _MOTION + 6)), slice(_MOTION + 3, None)
+    J[:, :3, at.ROT : at.RATE], J[:, :3, turned] = np.eye(3), -back
+    J[:, 3:, :3], J[:, 3:, _MOTION : _MOTION + 3] = to_body, -to_body
+    J[:, 3:, turned] = back @ se3.cross_matrix(moved)
     since = J.copy()
-    since[:, :, 15:] = 0.0  # the cloned attitude rotates the relative position, not the absolute one
+    since[:, :, turned] = 0.0  # the cloned attitude rotates the relative position, not the absolute one
     return _poses(R, moved), J @ C @ J.transpose(0, 2, 1), since @ C @ since.transpose(0, 2, 1)
 
 

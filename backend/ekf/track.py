@@ -6,6 +6,8 @@ them, gyro and accelerometer included, are readings of the state (`backend.ekf.r
 readings relative to a cloned pose; the joint covariance of clone and current pose gives that of their
 relative pose.
 
+The state is that of the IMU, the result that of the body's origin.
+
 World: z up, the floor z = 0. The first pose is above the origin and its heading is exact. The estimate is
 relative to it, unless position readings make it absolute.
 """
@@ -19,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from backend import se3
 from backend.arguments import check_type
 from backend.ekf import backward as ekf_backward
 from backend.ekf import forward as ekf_forward
@@ -87,8 +90,8 @@ def track(
             linearization = smoothed.all_x
     return Track(
         at_s,
-        build_states(filtered, clone != "none"),
-        build_states(smoothed, clone != "none") if rounds > 0 else None,
+        build_states(filtered, model, clone != "none"),
+        build_states(smoothed, model, clone != "none") if rounds > 0 else None,
         build_channels(events, log, model),
     )
 
@@ -169,8 +172,10 @@ class _SmootherRound:
 
 
 def _rows(size: int) -> NDArray[np.int64]:
-    """Return the recorded rows of the covariance: the motion, and the cloned pose."""
-    return np.array([*range(at.POS, at.RATE), *(range(at.CLONE_POS, at.SIZE) if size == at.SIZE else ())])
+    """Return the recorded rows of the covariance: the motion with its rate, and the cloned pose."""
+    return np.array(
+        [*range(at.POS, at.ATTITUDE_ERROR), *(range(at.CLONE_POS, at.SIZE) if size == at.SIZE else ())]
+    )
 
 
 def _empty_records(asked: int, size: int, all_events: int = 0) -> StateRecords:
@@ -223,9 +228,10 @@ def _model_vector(model: FilterModel) -> Array:
         model.accel_m_s2, model.accel_time_s, model.rate_rad_s, model.rate_time_s, model.gyro_walk_rad_s2,
         model.accel_walk_m_s3, model.tilt_error_rad, model.tilt_error_time_s, model.yaw_walk_rad,
         model.velocity_error_m_s, model.velocity_error_time_s, model.barometer_walk_m,
-        *model.b_beam, *model.b_p_range_m, *model.b_p_camera_m,
+        *model.b_beam,
     ]  # fmt: skip
-    return np.array(figures)
+    places_m = [model.b_p_range_m, model.b_p_camera_m, model.b_p_position_m, (0.0, 0.0, 0.0)]
+    return np.concatenate([figures, (np.array(places_m) - model.b_p_imu_m).ravel()])
 
 
 def _initial_state(start: InitialState, model: FilterModel, size: int) -> FilterState:
@@ -252,4 +258,9 @@ def _initial_state(start: InitialState, model: FilterModel, size: int) -> Filter
     R = turn.as_matrix()
     about_world = np.array([start.tilt_std_rad, start.tilt_std_rad, start.yaw_std_rad]) ** 2
     C[at.ROT : at.RATE, at.ROT : at.RATE] = R.T @ np.diag(about_world) @ R
-    return FilterState(x, np.zeros(size), C, np.full((kinds.CLONE + 1, 6), math.inf))
+    # The state of the IMU follows from that of the body's origin.
+    x[:3] += R @ model.b_p_imu_m
+    moved = np.eye(size)
+    moved[at.POS : at.VEL, at.ROT : at.RATE] = -R @ se3.cross_matrix(np.array(model.b_p_imu_m))
+    moved[at.VEL : at.ACC, at.RATE : at.ATTITUDE_ERROR] = -R @ se3.cross_matrix(np.array(model.b_p_imu_m))
+    return FilterState(x, np.zeros(size), moved @ C @ moved.T, np.full((kinds.CLONE + 1, 6), math.inf))

@@ -127,7 +127,7 @@ def filter_input(
 def _model(
     flight: Flight, trust: InertialTrust, rate: CorrelatedProcess, acceleration: CorrelatedProcess
 ) -> FilterModel:
-    imu, sonar, camera = flight.imu, flight.sonar, flight.camera
+    imu, sonar, camera, gps = flight.imu, flight.sonar, flight.camera, flight.gps
     return FilterModel(
         accel_m_s2=acceleration.std,
         accel_time_s=acceleration.time_s,
@@ -145,8 +145,10 @@ def _model(
         velocity_error_m_s=trust.velocity_error_m_s,
         barometer_walk_m=trust.barometer_walk_m,
         b_beam=triple(-sonar.b_T_s[:3, 2]) if sonar else FilterModel.b_beam,
+        b_p_imu_m=triple(imu.b_T_s[:3, 3]) if imu else FilterModel.b_p_imu_m,
         b_p_range_m=triple(sonar.b_T_s[:3, 3]) if sonar else FilterModel.b_p_range_m,
         b_p_camera_m=triple(camera.b_T_c[:3, 3]) if camera else FilterModel.b_p_camera_m,
+        b_p_position_m=triple(gps.b_T_s[:3, 3]) if gps else FilterModel.b_p_position_m,
     )
 
 
@@ -215,6 +217,7 @@ def _start(
     height_m, height_std_m = _first_height(flight, readings, start_s, first)
     # Pictures are to overlap, so that a vehicle moves as many heights a second however high it flies.
     speed_std_m_s = trust.start_speed_m_s * max(1.0, first.height_m if first else 0.0)
+    place_m, place_std_m = _first_place(flight, readings, w_R_b)
     velocity = _early(readings.velocity_m_s, start_s)
     w_v = np.zeros(3)
     if velocity is not None:
@@ -226,8 +229,8 @@ def _start(
         w_R_b=w_R_b,
         tilt_std_rad=tilt_std,
         yaw_std_rad=0.5 if positions is not None else 0.0,
-        place_m=triple(positions.values[0])[:2] if positions is not None else (0.0, 0.0),
-        place_std_m=float(positions.std[0]) if positions is not None else 0.0,
+        place_m=place_m,
+        place_std_m=place_std_m,
         w_v_m_s=w_v,
         velocity_std_m_s=speed_std_m_s if velocity is None else 0.2 + 0.1 * float(np.hypot(*velocity)),
         # At rest, wind and acceleration do not disturb the tilt of the on-board attitude.
@@ -235,6 +238,18 @@ def _start(
         yaw_zero_std_rad=0.3 if positions is not None else 1.0,
         position_zero_std_m=100.0 if _with_altitude(readings) and readings.range_m is not None else 0.0,
     )
+
+
+def _first_place(flight: Flight, readings: Readings, w_R_b: Array) -> tuple[tuple[float, float], float]:
+    """Return the place of the body's origin at the start, and its standard deviation."""
+    positions = readings.w_p_b_m
+    if positions is None:
+        return (0.0, 0.0), 0.0
+    assert flight.gps is not None
+    b_p_antenna_m = flight.gps.b_T_s[:3, 3]
+    x, y, _ = triple(positions.values[0] - w_R_b @ b_p_antenna_m)
+    # The heading may be any.
+    return (x, y), float(np.hypot(positions.std[0], np.linalg.norm(b_p_antenna_m)))
 
 
 def _first_height(

@@ -10,12 +10,16 @@ from backend.ekf import motion as at
 from backend.ekf import readings as kinds
 from tests.backend.ekf.test_motion import retracted
 
-BEAM, RANGE_AT, CAMERA_AT = (
+BEAM, RANGE_AT, CAMERA_AT, ANTENNA_AT, ORIGIN_AT = (
     np.array([0.05, -0.1, -0.99]),
     np.array([0.1, 0.02, -0.05]),
     np.array([0.2, 0.1, 0.0]),
+    np.array([1.2, -0.4, 0.3]),
+    np.array([-0.3, 0.2, -0.1]),
 )
-MODEL = np.concatenate([np.ones(at.MOTION), BEAM / np.linalg.norm(BEAM), RANGE_AT, CAMERA_AT])
+MODEL = np.concatenate(
+    [np.ones(at.BEAM), BEAM / np.linalg.norm(BEAM), RANGE_AT, CAMERA_AT, ANTENNA_AT, ORIGIN_AT]
+)
 
 
 def drawn_state(rng):

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation, RotationSpline
 from scipy.stats import chi2, norm
 
 from backend import se3
+from backend.ekf.inputs import Series
 from backend.ekf.track import track
 from tests.backend.made_motion import KNOWN, MODEL, as_the_flight_moves, error_of, fly, read, start_of
 
@@ -85,3 +89,40 @@ def test_innovations_are_white_and_of_unit_variance():
             assert low - 0.06 < np.mean(z[:, axis] ** 2) < high, (name, axis, np.mean(z[:, axis] ** 2))
             for lag in (1, 2, 5):
                 assert abs(np.mean(z[lag:, axis] * z[:-lag, axis])) < norm.ppf(0.9995) / np.sqrt(n) + 0.02
+
+
+@pytest.mark.parametrize("clone", ["none", "first"])
+def test_places_of_imu_and_antenna_move_no_pose(clone):
+    """Two flights with one truth and one noise, their instruments at the origin and far from it."""
+    rng = np.random.default_rng(3)
+    flight, at_s = fly(rng), np.arange(1.0, 9.0, 0.5)
+    model = as_the_flight_moves(flight, KNOWN)
+    readings = read(flight, model, rng, seconds=10.0)
+    fixes_s, b_p_imu_m, b_p_antenna_m = np.arange(0.1, 10.0, 0.2), (0.4, -0.2, 0.1), (-1.0, 0.5, 0.3)
+    places = flight.position.at(fixes_s) + rng.normal(0, 0.1, (len(fixes_s), 3))
+    readings = replace(
+        readings, velocity_m_s=None, range_m=None, w_p_b_m=Series(fixes_s, places, np.full(3, 0.1))
+    )
+    start = replace(start_of(flight, readings, rng), place_std_m=0.5)
+    accel = readings.accel_m_s2
+    fine_s = np.arange(-0.1, 10.1, 0.01)
+    turn = RotationSpline(fine_s, Rotation.from_matrix(flight.w_T_b(fine_s)[:, :3, :3]))
+    rate = turn(accel.stamps_s, 1)
+    across = np.cross(turn(accel.stamps_s, 2), b_p_imu_m) + np.cross(rate, np.cross(rate, b_p_imu_m))
+    moved = replace(
+        readings,
+        accel_m_s2=replace(accel, values=accel.values + across),
+        w_p_b_m=Series(fixes_s, places + flight.w_T_b(fixes_s)[:, :3, :3] @ b_p_antenna_m, np.full(3, 0.1)),
+    )
+    levers = replace(model, b_p_imu_m=b_p_imu_m, b_p_position_m=b_p_antenna_m)
+    one = track(readings, at_s, start, model, clone=clone).smoothed
+    other = track(moved, at_s, start, levers, clone=clone).smoothed
+    std_m = np.sqrt(np.trace(one.covariances[:, 3:, 3:], axis1=1, axis2=2))
+    np.testing.assert_array_less(np.linalg.norm(other.w_T_b[:, :3, 3] - one.w_T_b[:, :3, 3], axis=1), std_m)
+    assert max(mean_nees(other, flight, at_s)) < 2
+    np.testing.assert_allclose(other.covariances, one.covariances, rtol=0.3, atol=0.2 * std_m.min() ** 2)
+    if clone == "first":
+        ratio = np.trace(other.fixed_clone_covariances[1:], axis1=1, axis2=2) / np.trace(
+            one.fixed_clone_covariances[1:], axis1=1, axis2=2
+        )
+        np.testing.assert_allclose(ratio, 1, atol=0.2)

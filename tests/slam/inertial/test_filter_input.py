@@ -113,6 +113,18 @@ def test_gps_gives_absolute_positions_and_scales_are_fixed():
     assert absolute.start.yaw_std_rad > 0
 
 
+def test_told_places_of_imu_and_antenna_are_used():
+    flight, mount, antenna = made_flight(0), np.eye(4), np.eye(4)
+    mount[:3, 3], antenna[:3, 3] = [0.3, 0.0, 0.1], [3.0, 0.0, 0.0]
+    gps = Gps(np.arange(0.5, 20, 1.0), np.full(20, 47.0), np.full(20, 8.0), np.full(20, NAN), b_T_s=antenna)
+    inputs = filter_input(replace(flight, imu=replace(flight.imu, b_T_s=mount), gps=gps))
+    assert inputs.model.b_p_imu_m == (0.3, 0.0, 0.1)
+    assert inputs.model.b_p_position_m == (3.0, 0.0, 0.0)
+    placed = np.array(inputs.start.place_m) + (inputs.start.w_R_b @ antenna[:3, 3])[:2]
+    np.testing.assert_allclose(placed, inputs.readings.w_p_b_m.values[0, :2])
+    assert inputs.start.place_std_m > 3.0, "the antenna may be on any side"
+
+
 def test_zero_velocity_times_end_at_take_off():
     rng = np.random.default_rng(0)
     t = np.arange(600) / 200
