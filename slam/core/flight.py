@@ -7,6 +7,7 @@ as in OpenCV. A stream that was not recorded is ``None``; a missing value is NaN
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any, Literal
@@ -88,7 +89,8 @@ class Sonar(Instrument):
     """(n,); NaN where out of range."""
     noise_std_m: float = 0.01
     min_range_m: float = 0.25
-    max_range_m: float = 6.0
+    max_range_m: float = math.inf
+    """Infinite where no limit is stated."""
     beam_width_rad: float = 0.44
     b_T_s: Array = field(default_factory=lambda: np.eye(4))
     scale_std: float = 0.05

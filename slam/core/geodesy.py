@@ -25,6 +25,10 @@ ECCENTRICITY_2 = FLATTENING * (2 - FLATTENING)
 MAX_ALTITUDE_M = 5e4
 """Altitudes beyond are no altitudes of an aircraft: a wrong unit or a damaged value."""
 
+METRES_PER_DEGREE = 111_319.49
+"""Metres per degree of latitude (WGS 84, equatorial). It is accurate to 1 %, enough for a standard deviation.
+"""
+
 UTM_NORTH_END_DEG, UTM_SOUTH_END_DEG = 84.0, -80.0
 """Latitudes beyond which UTM has no zones."""
 UPS_NORTH, UPS_SOUTH = 5041, 5042
@@ -155,3 +159,8 @@ def _ecef_R_enu(origin: GeoOrigin) -> Array:
     north = [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat]
     up = [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat]
     return np.column_stack([east, north, up])
+
+
+def metres_per_degree_east(latitude_deg: float) -> float:
+    """Return the length of a degree of longitude at a latitude, on a sphere; never 0."""
+    return METRES_PER_DEGREE * max(float(np.cos(np.radians(latitude_deg))), 1e-6)

@@ -114,8 +114,8 @@ def sonar_anomalies(sonar: Sonar) -> list[str]:
     known = np.isfinite(sonar.range_m)
     if not known.any():
         return [
-            "sonar0: gives no range at all, so that it measures no lengths; check its wiring and the column "
-            "range of its data.csv"
+            "sonar0: gives no range at all, so that it measures no lengths; check its limits (max_range), "
+            "its wiring and its unit"
         ]
     ranges = sonar.range_m[known]
     lines = []
@@ -124,9 +124,10 @@ def sonar_anomalies(sonar: Sonar) -> list[str]:
             f"sonar0: {negative} ranges are zero or negative, which no distance is; leave readings without "
             "an echo empty in data.csv"
         )
-    if (share := float(np.mean(ranges >= 0.999 * sonar.max_range_m))) > SATURATED_SHARE:
+    limit_m = sonar.max_range_m if np.isfinite(sonar.max_range_m) else _value_without_echo(ranges)
+    if (share := float(np.mean(ranges >= 0.999 * limit_m))) > SATURATED_SHARE:
         lines.append(
-            f"sonar0: {100 * share:.0f} % of the ranges are saturated at {sonar.max_range_m:g} m: they "
+            f"sonar0: {100 * share:.0f} % of the ranges are saturated at {limit_m:g} m: they "
             "are no heights; fly lower, or correct max_range in sensor.yaml"
         )
     if (share := float(np.mean((ranges > 0) & (ranges < sonar.min_range_m)))) > SATURATED_SHARE:
@@ -143,6 +144,14 @@ def sonar_anomalies(sonar: Sonar) -> list[str]:
     if line := stuck_ranges(sonar):
         lines.append(line)
     return lines
+
+
+def _value_without_echo(ranges: Array) -> float:
+    """Return the largest of ranges (n,) if they repeat it, and rarely lie beside it; infinity otherwise."""
+    largest = float(ranges.max())
+    repeated = int(np.sum(ranges == largest))
+    beside = int(np.sum(ranges >= largest - _NEAR_END * np.ptp(ranges))) - repeated
+    return largest if repeated > max(beside, STUCK_COUNT) and repeated < len(ranges) else np.inf
 
 
 def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> str:

@@ -30,6 +30,7 @@ from slam.core.flight import (
     Truth,
     Velocity,
 )
+from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.instrument import Instrument
 from slam.core.messages import by_kind
 from slam.core.progress import Progress, silent
@@ -37,7 +38,7 @@ from slam.io.atomic import atomic_folder
 from slam.io.csv_header import header_of
 from slam.io.frames_writer import SUFFIXES, stamps_ns, write_frames
 from slam.io.landmarks import HEADER
-from slam.io.streams import COLUMNS, IMU_DENSITIES, METRES_PER_DEGREE, Series, metres_per_degree_east
+from slam.io.streams import COLUMNS, IMU_DENSITIES, Series
 
 Array = NDArray[np.float64]
 
@@ -149,7 +150,7 @@ def _sensor_entries(series: Series) -> dict[str, object]:
             return {
                 "noise_std": [series.noise_std_m],
                 "min_range": series.min_range_m,
-                "max_range": series.max_range_m,
+                **({"max_range": series.max_range_m} if math.isfinite(series.max_range_m) else {}),
                 "beam_width": series.beam_width_rad,
                 "scale_std": series.scale_std,
                 "datum_std": series.datum_std_m,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
-from slam.core.geodesy import MAX_ALTITUDE_M
+from slam.core.geodesy import MAX_ALTITUDE_M, METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.instrument import Instrument
 from slam.core.messages import Note
 from slam.io.assumed import assumed_keys
@@ -32,9 +32,10 @@ ACCEL_LIMIT_M_S2 = 4000.0
 """Largest plausible specific force: 400 g, the widest range of any MEMS accelerometer."""
 SATURATION_RATIO = 0.999
 """Share of max_range above which a range is treated as the sonar's value for no echo."""
-METRES_PER_DEGREE = 111_319.49
-"""Metres per degree of latitude (WGS 84, equatorial). It is accurate to 1 %, enough for a standard deviation.
-"""
+_USUAL_MAX_RANGE_M = 6.0
+"""Reach of a small drone's sonar (AR.Drone)."""
+_UNITS_RATIO = 5.0
+"""Ratio of a median range to the limit above which the unit is doubted; other units differ by 100."""
 
 
 def _axes(name: str, axes: str, unit: str, limit: float, optional: bool = False) -> tuple[CsvColumn, ...]:
@@ -191,16 +192,22 @@ def _sonar(source: Source) -> Sonar:
             "max_range", f"is {high:g} where min_range is {low:g}", "write min_range < max_range"
         )
     (largest,) = _limits("sonar0")
-    if high > largest:
+    if largest < high < math.inf:
         # Else the noise, which the range bounds, would be blamed.
         raise sensor.refuse("max_range", f"is {high:g}", f"write the sensor's own, at most {largest:g} m")
     scale_std = sensor.std("scale_std", Sonar.scale_std, MAX_SHARE_STD)
-    datum_std_m = sensor.std("datum_std", Sonar.datum_std_m, high)
+    reach = high if high < math.inf else float(np.nanmax(values, initial=_USUAL_MAX_RANGE_M))
+    datum_std_m = sensor.std("datum_std", Sonar.datum_std_m, reach)
     beam_rad = sensor.number("beam_width", Sonar.beam_width_rad)
     if beam_rad >= math.pi:
         raise sensor.refuse("beam_width", f"is {beam_rad:g}", "write radians below pi (degrees?)")
     median = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
-    if median > 5 * high:
+    if high == math.inf and median > _UNITS_RATIO * _USUAL_MAX_RANGE_M:
+        source.notes.append(
+            f"has a median range of {median:g} m, and no max_range is stated; write max_range into "
+            "sensor.yaml, or convert the ranges to metres if they are centimetres"
+        )
+    if median > _UNITS_RATIO * high:
         unit = "centimetres" if median * 0.01 <= high else "millimetres"
         raise source.row_error(0, f"has a median range of {median:g} m", f"convert it to metres ({unit}?)")
     source.set_missing(values[:, 0] <= 0, 0, "a range of zero or less")
@@ -208,7 +215,7 @@ def _sonar(source: Source) -> Sonar:
     return Sonar(
         stamps_s=source.stamps_s,
         range_m=values[:, 0],
-        noise_std_m=source.noise((Sonar.noise_std_m,), (high,))[0],
+        noise_std_m=source.noise((Sonar.noise_std_m,), (reach,))[0],
         min_range_m=low,
         max_range_m=high,
         beam_width_rad=beam_rad,
@@ -299,11 +306,6 @@ def _gps_noise(source: Source, latitude_deg: Array) -> tuple[float, float, float
         )
         return east, north, up
     return east * metres_per_degree_east(float(latitude_deg[0])), north * METRES_PER_DEGREE, up
-
-
-def metres_per_degree_east(latitude_deg: float) -> float:
-    """Return the length of a degree of longitude at a latitude, on a sphere; never 0."""
-    return METRES_PER_DEGREE * max(math.cos(math.radians(latitude_deg)), 1e-6)
 
 
 def _truth(source: Source) -> Truth:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Gps
+from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.io.sensor_yaml import Value
-from slam.io.streams import METRES_PER_DEGREE, metres_per_degree_east
 
 Array = NDArray[np.float64]
 

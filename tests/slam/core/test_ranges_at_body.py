@@ -21,7 +21,7 @@ def flown(b_T_s: np.ndarray, attitude: bool = True) -> tuple[Flight, np.ndarray]
     w_T_b[:, 2, 3] = 1.0 + 0.3 * np.sin(0.7 * times)
     w_T_s = w_T_b @ b_T_s
     series = AttitudeSeries(times, angles) if attitude else None
-    sonar = Sonar(times, w_T_s[:, 2, 3] / w_T_s[:, 2, 2], b_T_s=b_T_s)
+    sonar = Sonar(times, w_T_s[:, 2, 3] / w_T_s[:, 2, 2], max_range_m=6.0, b_T_s=b_T_s)
     return Flight("made", sonar=sonar, attitude=series), w_T_b[:, 2, 3] / w_T_b[:, 2, 2]
 
 

@@ -147,7 +147,7 @@ def test_ranges_outside_the_sensor_s_limits_are_skipped():
     for k, bad in ((20, np.nan), (22, -1.0), (24, 0.05), (26, 9.0)):
         range_m[k] = bad
     at_s = np.array([0.8, 0.88, 0.96, 1.04])
-    found = ranges_at(Sonar(stamps_s, range_m), at_s, 0.005)
+    found = ranges_at(Sonar(stamps_s, range_m, max_range_m=6.0), at_s, 0.005)
     assert [r.k for r in found] == [0, 1, 2, 3]
     assert [r.range_m for r in found] == pytest.approx(1.0 + 0.1 * at_s, abs=1e-9)
     assert all(0.005 < r.std_m < 0.01 for r in found)
@@ -156,7 +156,7 @@ def test_ranges_outside_the_sensor_s_limits_are_skipped():
 def test_a_sonar_without_one_good_reading_gives_none():
     stamps_s = np.arange(0, 2, 0.04)
     assert ranges_at(Sonar(stamps_s, np.full(50, np.nan)), stamps_s, 0.005) == ()
-    assert ranges_at(Sonar(stamps_s, np.full(50, 7.0)), stamps_s, 0.005) == ()
+    assert ranges_at(Sonar(stamps_s, np.full(50, 7.0), max_range_m=6.0), stamps_s, 0.005) == ()
     assert ranges_at(None, stamps_s, 0.005) == ()
 
 

@@ -2,7 +2,8 @@
 
 A log is a sequence of messages: two marks, a type, and fields. Messages of type ``FMT`` declare the length,
 name, field codes and field names of every type. ArduPilot's body axes are forward-right-down, its angles are
-degrees with yaw clockwise from north, and its stamps are microseconds since the start of the autopilot.
+degrees with yaw clockwise from north, and its stamps are microseconds (milliseconds before ArduPilot 3.3)
+since the start of the autopilot.
 Sources: ArduPilot's libraries/AP_Logger/LogStructure.h and README.md, and its log message documentation.
 """
 
@@ -21,6 +22,7 @@ from slam.io.body_axes import angles_from_aviation
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import refusal
 from slam.io.recordings.logs import field_values
+from slam.io.recordings.logs.completed import completed, gps_entries, range_entries
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
 from slam.io.recordings.logs.sticks import stick_from_pulses
@@ -29,6 +31,7 @@ from slam.io.recordings.recording import COPY_AGAIN, Recording
 DESCRIPTION = "an ArduPilot log"
 MARKS = b"\xa3\x95"
 _FMT = 128
+_US_PER_MS = 1000
 _INSTANCES = ("I", "Instance", "Inst")
 """Names of the field that distinguishes several sensors of one kind."""
 _CODES: dict[str, tuple[str, float]] = {
@@ -93,7 +96,20 @@ def _fields(data: mmap.mmap, message: _Message, places: array[int]) -> dict[str,
     raw = np.frombuffer(data, np.uint8)
     rows = raw[np.array(places)[:, None] + np.arange(message.length)]
     table = np.ascontiguousarray(rows).view(message.dtype)[:, 0]
-    return {n: table[n] if f == 1 else table[n] * f for n, f in message.factors.items()}
+    fields = {n: table[n] if f == 1 else table[n] * f for n, f in message.factors.items()}
+    stamp_ms = _stamp_ms(message)
+    return fields | {"TimeUS": fields[stamp_ms].astype(np.int64) * _US_PER_MS} if stamp_ms else fields
+
+
+def _stamp_ms(message: _Message) -> str:
+    """Return the field with the stamp in milliseconds of older logs; empty for a message with another one.
+
+    ``TimeMS`` of an older ``GPS`` is that of the week, and ``T`` is the stamp.
+    """
+    names = message.factors
+    if "TimeUS" in names or "TimeMS" not in names:
+        return ""
+    return "T" if "T" in names and "Week" in names else "TimeMS"
 
 
 def _series(data: mmap.mmap, message: _Message, places: array[int]) -> dict[str, FieldSeries]:
@@ -142,16 +158,22 @@ def _older_range(fields: Fields) -> Converted:
     return field_values.only_down(range_m, column(fields, "Orient1") == field_values.DOWN, range_m > 0)
 
 
+def _oldest_range(fields: Fields) -> Converted:
+    range_m = column(fields, "Dist1")
+    return np.where(range_m > 0, range_m, np.nan)[:, None], ()
+
+
 _GOOD = 4
 """``RFND.Stat`` of a reading in range (RangeFinder::Status)."""
 _FRD = "forward-right-down to forward-left-up"
 _ANGLES = "deg; yaw from north to east, pitch up to pitch down"
 RULES: tuple[FieldRule, ...] = (
     FieldRule("imu0", "IMU", _IMU_FIELDS, _imu, f"rad/s, m/s²; {_FRD}"),
-    FieldRule("sonar0", "RFND", ("Dist", "Stat", "Orient"), _range, "m, facing down"),
-    FieldRule("sonar0", "RFND", ("Dist1", "Orient1"), _older_range, "m, facing down"),
+    FieldRule("sonar0", "RFND", ("Dist", "Stat", "Orient"), _range, "m, facing down", range_entries),
+    FieldRule("sonar0", "RFND", ("Dist1", "Orient1"), _older_range, "m, facing down", range_entries),
+    FieldRule("sonar0", "RFND", ("Dist1",), _oldest_range, "m, taken as facing down", range_entries),
     FieldRule("attitude0", "ATT", ("Roll", "Pitch", "Yaw"), _attitude, _ANGLES),
-    FieldRule("gps0", "GPS", ("Lat", "Lng", "Alt", "Status"), _gps, "deg, m above sea level"),
+    FieldRule("gps0", "GPS", ("Lat", "Lng", "Alt", "Status"), _gps, "deg, m above sea level", gps_entries),
     FieldRule("battery0", "BAT", ("Volt",), field_values.single("Volt"), "V"),
     FieldRule("battery0", "CURR", ("Volt",), field_values.single("Volt"), "V"),
     FieldRule("barometer0", "BARO", ("Alt",), field_values.single("Alt"), "m"),
@@ -159,7 +181,7 @@ RULES: tuple[FieldRule, ...] = (
 """The messages of ArduPilot and what they become, in the order of preference."""
 
 
-_OF_USE = frozenset(rule.kind for rule in RULES) | {"RCIN", "OF", "PARM", "MSG"}
+_OF_USE = frozenset(rule.kind for rule in RULES) | {"RCIN", "OF", "PARM", "MSG", "GPA"}
 """Types whose fields are read; of the others only the number of messages is known."""
 
 
@@ -172,13 +194,16 @@ def open_recording(path: Path) -> Recording:
         messages, places, lost = _scanned(data)
         for number, message in messages.items():
             counts[message.name] = 0 if number == _FMT else len(places.get(number, ()))
-            if message.name in _OF_USE and "TimeUS" in message.factors and counts[message.name]:
+            is_stamped = "TimeUS" in message.factors or bool(_stamp_ms(message))
+            if message.name in _OF_USE and is_stamped and counts[message.name]:
                 found = _series(data, message, places[number])
                 late += counts[message.name] - sum(len(each.stamps_ns) for each in found.values())
                 series |= found
     if not any(counts.values()):
         raise refusal(path, f"is {DESCRIPTION} without a message", "copy it again from the autopilot")
-    rules = (*RULES, _stick_rule(_parameters(series)), *_flow_rules(series))
+    parameters = _parameters(series)
+    series = completed(series, parameters)
+    rules = (*RULES, _stick_rule(parameters), *_flow_rules(series))
     used = {each.kind for each in series.values()}
     unread = [(name, name, count) for name, count in sorted(counts.items()) if count and name not in used]
     damage = (

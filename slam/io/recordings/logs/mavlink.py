@@ -45,12 +45,14 @@ class Declaration:
     text: str
     """Types and names of the fields: ``uint32_t time_boot_ms float roll pitch``. A type holds for all names
     up to the next one; ``name[16]`` is an array."""
+    extension: str = ""
+    """The same of the fields that version 2 adds, as far as they are read; the checksum does not cover them.
+    """
 
-    @cached_property
-    def _fields(self) -> list[tuple[str, str, int]]:
+    def _fields(self, text: str) -> list[tuple[str, str, int]]:
         """Type, name and length (0 for a single value) of each field."""
         fields, kind = [], ""
-        for word in self.text.split():
+        for word in text.split():
             if word in _TYPES:
                 kind = word
                 continue
@@ -67,7 +69,7 @@ class Declaration:
                 (name, kinds.get(kind, _TYPES[kind]).format(length or 1))
                 if kind == "char" or not length
                 else (name, _TYPES[kind], length)
-                for kind, name, length in self._fields
+                for kind, name, length in self._fields(f"{self.text} {self.extension}")
             ]
         )
 
@@ -75,7 +77,7 @@ class Declaration:
     def extra(self) -> int:
         """The number in the checksum."""
         text = f"{self.name} ".encode()
-        for kind, name, length in self._fields:
+        for kind, name, length in self._fields(self.text):
             text += f"{kind} {name} ".encode() + (bytes([length]) if length else b"")
         found = checksum(text)
         return (found & 0xFF) ^ (found >> 8)
@@ -110,6 +112,7 @@ DECLARATIONS: dict[int, Declaration] = {
             "GPS_RAW_INT",
             "uint64_t time_usec int32_t lat lon alt uint16_t eph epv vel cog "
             "uint8_t fix_type satellites_visible",
+            "int32_t alt_ellipsoid uint32_t h_acc v_acc",
         ),
         Declaration(26, "SCALED_IMU", f"uint32_t time_boot_ms int16_t {_AXES}"),
         Declaration(27, "RAW_IMU", f"uint64_t time_usec int16_t {_AXES}"),

@@ -22,12 +22,15 @@ from backend.wording import counted, either
 from slam.core.messages import Note
 from slam.io.body_axes import angles_from_aviation, angles_from_ned_quaternion
 from slam.io.files import refusal
+from slam.io.recordings.gps_accuracy import gps_noise
 from slam.io.recordings.logs import field_values
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
 from slam.io.recordings.logs.mavlink import DECLARATIONS, Packet, telemetry
 from slam.io.recordings.logs.sticks import stick_from_pulses
+from slam.io.recordings.range_limits import Limits, limits_entries, stated_limits, within
 from slam.io.recordings.recording import COPY_AGAIN, Recording
+from slam.io.sensor_yaml import Value
 
 DESCRIPTION = "a MAVLink telemetry log"
 _HEARTBEAT = 0
@@ -78,9 +81,22 @@ def _gps(fields: Fields) -> Converted:
 
 
 def _range(fields: Fields) -> Converted:
-    found, least, most = columns(fields, "current_distance", "min_distance", "max_distance").T
+    range_m = column(fields, "current_distance") * 0.01
     is_down = column(fields, "orientation") == field_values.DOWN
-    return field_values.only_down(found * 0.01, is_down, (found >= least) & (found <= most))
+    return field_values.only_down(range_m, is_down, within(range_m, _limits(fields)))
+
+
+def _limits(fields: Fields) -> Limits | None:
+    """Return the limits of the sensors that look down; one message serves all."""
+    is_down = column(fields, "orientation") == field_values.DOWN
+    if not is_down.any():
+        return None
+    return stated_limits(*(column(fields, name)[is_down] * 0.01 for name in ("min_distance", "max_distance")))
+
+
+def _gps_noise(fields: Fields) -> dict[str, Value]:
+    known = np.where(column(fields, "fix_type") >= field_values.FIX_2D, column(fields, "lat") * 1e-7, np.nan)
+    return gps_noise(known, columns(fields, "h_acc", "h_acc", "v_acc") * 1e-3)
 
 
 def _flow(fields: Fields) -> Converted:
@@ -112,13 +128,20 @@ _NED = f"quaternion; north-east-down to yaw from east, {_FRD}"
 RULES: tuple[FieldRule, ...] = (
     FieldRule("imu0", "HIGHRES_IMU", ("xgyro", "xacc"), _SI, f"rad/s, m/s²; {_FRD}", doubt=_slow_imu),
     FieldRule("imu0", "SCALED_IMU", ("xgyro", "xacc"), _MILLI, _MILLI_READING, doubt=_slow_imu),
-    FieldRule("sonar0", "DISTANCE_SENSOR", ("current_distance",), _range, "cm to m, facing down"),
+    FieldRule(
+        "sonar0",
+        "DISTANCE_SENSOR",
+        ("current_distance",),
+        _range,
+        "cm to m, facing down",
+        lambda fields: limits_entries(_limits(fields)),
+    ),
     FieldRule("sonar0", "RANGEFINDER", ("distance",), field_values.single("distance"), "m, facing down"),
     FieldRule("attitude0", "ATTITUDE_QUATERNION", ("q1",), _quaternion, _NED),
     FieldRule("attitude0", "ATTITUDE", ("roll",), _attitude, _ANGLES),
     FieldRule("velocity0", "OPTICAL_FLOW_RAD", ("integrated_x",), _flow, "rad, m; to m/s forward and left"),
     FieldRule("battery0", "SYS_STATUS", ("voltage_battery",), _voltage, "mV to V"),
-    FieldRule("gps0", "GPS_RAW_INT", ("lat",), _gps, "1e-7 deg, mm above sea level"),
+    FieldRule("gps0", "GPS_RAW_INT", ("lat",), _gps, "1e-7 deg, mm above sea level", _gps_noise),
     FieldRule("barometer0", "SCALED_PRESSURE", ("press_abs",), _altitude, "hPa to m by ISO 2533"),
 )
 """The messages of MAVLink and what they become, in the order of preference."""

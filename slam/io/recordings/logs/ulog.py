@@ -19,9 +19,11 @@ import numpy as np
 
 from backend.wording import counted
 from slam.io.body_axes import angles_from_ned_quaternion
+from slam.io.recordings.gps_accuracy import gps_noise
 from slam.io.recordings.logs import field_values
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
+from slam.io.recordings.range_limits import Limits, limits_entries, stated_limits, within
 from slam.io.recordings.readers import damage_reported, optional_reader
 from slam.io.recordings.recording import COPY_AGAIN, Recording
 from slam.io.sensor_yaml import Value
@@ -57,19 +59,30 @@ def _gps(fields: Fields, names: tuple[str, str, str], units: tuple[float, float]
     return field_values.known_fixes(values, column(fields, "fix_type")), ()
 
 
+def _gps_noise(fields: Fields, names: tuple[str, str, str], unit: float) -> dict[str, Value]:
+    """Return the accuracy that the receiver states [m]; older versions state none."""
+    if any(name not in fields for name in ("eph", "epv")):
+        return {}
+    known = np.where(
+        column(fields, "fix_type") >= field_values.FIX_2D, column(fields, names[0]) * unit, np.nan
+    )
+    return gps_noise(known, columns(fields, "eph", "eph", "epv"))
+
+
+def _limits(fields: Fields) -> Limits | None:
+    return stated_limits(column(fields, "min_distance"), column(fields, "max_distance"))
+
+
 def _range(fields: Fields) -> Converted:
     range_m = column(fields, "current_distance")
-    valid = (range_m >= column(fields, "min_distance")) & (range_m <= column(fields, "max_distance"))
+    valid = within(range_m, _limits(fields))
     if "signal_quality" in fields:  # 0 is an invalid reading, -1 an unknown quality
         valid &= column(fields, "signal_quality") != 0
     return field_values.only_down(range_m, column(fields, "orientation") == field_values.DOWN, valid)
 
 
 def _range_nominal(fields: Fields) -> dict[str, Value]:
-    nominal: dict[str, Value] = {
-        "min_range": repr(float(np.median(column(fields, "min_distance")))),
-        "max_range": repr(float(np.median(column(fields, "max_distance")))),
-    }
+    nominal = limits_entries(_limits(fields))
     variance = float(np.median(column(fields, "variance"))) if "variance" in fields else 0.0
     if variance > 0:
         nominal["noise_std"] = [repr(float(np.sqrt(variance)))]
@@ -81,6 +94,17 @@ def _flow(fields: Fields) -> Converted:
     with np.errstate(divide="ignore", invalid="ignore"):
         rates = angles / (column(fields, "integration_timespan_us") * 1e-6)[:, None]
     return field_values.flow_velocity(rates, column(fields, "distance_m"), column(fields, "quality") > 0)
+
+
+def _older_flow(fields: Fields) -> Converted:
+    """Return velocities from the message of PX4 before 1.13."""
+    turns = columns(fields, "gyro_x_rate_integral", "gyro_y_rate_integral")
+    angles = columns(fields, "pixel_flow_x_integral", "pixel_flow_y_integral") - turns
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rates = angles / (column(fields, "integration_timespan") * 1e-6)[:, None]
+    distance_m = column(fields, "ground_distance_m")
+    is_valid = (column(fields, "quality") > 0) & (distance_m > 0)
+    return field_values.flow_velocity(rates, distance_m, is_valid)
 
 
 def _sticks(fields: Fields, names: Sequence[str], throttle_from_zero: bool) -> Converted:
@@ -98,8 +122,14 @@ _OLD_STICKS = ("x", "y", "z", "r")
 _FIX_DEG = ("latitude_deg", "longitude_deg", "altitude_msl_m")
 _FIX_INTEGER = ("lat", "lon", "alt")
 _FLOW = ("pixel_flow[1]", "delta_angle[1]", "integration_timespan_us", "distance_m", "quality")
+_OLDER_FLOW = (
+    *("pixel_flow_x_integral", "pixel_flow_y_integral", "gyro_x_rate_integral", "gyro_y_rate_integral"),
+    *("integration_timespan", "ground_distance_m", "quality"),
+)
 _fix_deg = partial(_gps, names=_FIX_DEG, units=(1.0, 1.0))
 _fix_integer = partial(_gps, names=_FIX_INTEGER, units=(1e-7, 1e-3))
+_noise_deg = partial(_gps_noise, names=_FIX_DEG, unit=1.0)
+_noise_integer = partial(_gps_noise, names=_FIX_INTEGER, unit=1e-7)
 _sticks_now = partial(_sticks, names=_STICKS, throttle_from_zero=False)
 _sticks_before = partial(_sticks, names=_OLD_STICKS, throttle_from_zero=True)
 _voltage, _height = field_values.single("voltage_v"), field_values.single("baro_alt_meter")
@@ -124,13 +154,19 @@ RULES: tuple[FieldRule, ...] = (
     ),
     FieldRule("attitude0", "vehicle_attitude", ("q[3]",), _attitude, _ATTITUDE),
     FieldRule("velocity0", "vehicle_optical_flow", _FLOW, _flow, _SPEED),
+    FieldRule("velocity0", "sensor_optical_flow", _FLOW, _flow, _SPEED),
+    FieldRule("velocity0", "optical_flow", _OLDER_FLOW, _older_flow, _SPEED),
     FieldRule("command0", "manual_control_setpoint", _STICKS, _sticks_now, _COMMAND),
     FieldRule("command0", "manual_control_setpoint", _OLD_STICKS, _sticks_before, _COMMAND_BEFORE),
     FieldRule("battery0", "battery_status", ("voltage_v",), _voltage, "V"),
-    FieldRule("gps0", "vehicle_gps_position", (*_FIX_DEG, "fix_type"), _fix_deg, _DEG),
-    FieldRule("gps0", "vehicle_gps_position", (*_FIX_INTEGER, "fix_type"), _fix_integer, _INTEGER),
-    FieldRule("gps0", "sensor_gps", (*_FIX_DEG, "fix_type"), _fix_deg, _DEG),
-    FieldRule("gps0", "sensor_gps", (*_FIX_INTEGER, "fix_type"), _fix_integer, _INTEGER),
+    *(
+        rule
+        for kind in ("vehicle_gps_position", "sensor_gps")
+        for rule in (
+            FieldRule("gps0", kind, (*_FIX_DEG, "fix_type"), _fix_deg, _DEG, _noise_deg),
+            FieldRule("gps0", kind, (*_FIX_INTEGER, "fix_type"), _fix_integer, _INTEGER, _noise_integer),
+        )
+    ),
     FieldRule("barometer0", "vehicle_air_data", ("baro_alt_meter",), _height, "m"),
     FieldRule("barometer0", "sensor_combined", ("baro_alt_meter",), _height, "m"),
     FieldRule("motor0", "actuator_motors", ("control[3]",), _motors, "0..1, in the log's order"),

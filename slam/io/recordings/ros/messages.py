@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.io.body_axes import angles_from_quaternion
 from slam.io.recordings.gps_accuracy import gps_noise
+from slam.io.recordings.range_limits import limits_entries, stated_limits, within
 from slam.io.recordings.ros.transforms import is_world
 from slam.io.sensor_yaml import Value
 
@@ -118,26 +119,16 @@ def _range(m: Message) -> tuple[float, ...]:
     return m.range, m.min_range, m.max_range, m.field_of_view
 
 
-def _stated_limits(rows: Array) -> tuple[float, float] | None:
-    """Return the limits of a range sensor; None where its driver leaves them without a meaning."""
-    least, most = np.median(rows[:, 1:3], axis=0)
-    return (float(least), float(most)) if 0 <= least < most < np.inf else None
-
-
 def _range_limits(rows: Array) -> dict[str, Value]:
-    limits = _stated_limits(rows)
-    stated: dict[str, Value] = {}
-    if limits is not None:
-        stated = {"min_range": repr(limits[0]), "max_range": repr(limits[1])}
     beam_rad = float(np.median(rows[:, 3]))
-    return stated | ({"beam_width": repr(beam_rad)} if 0 < beam_rad < np.pi else {})
+    limits = limits_entries(stated_limits(rows[:, 1], rows[:, 2]))
+    return limits | ({"beam_width": repr(beam_rad)} if 0 < beam_rad < np.pi else {})
 
 
 def _ranges(rows: Array, b_T_s: Array | None) -> Array:
     """Return ranges (n, 1), NaN where they are out of the limits, or infinite."""
-    least, most = _stated_limits(rows) or (0.0, np.inf)
-    range_m = rows[:, :1]
-    return np.where((range_m >= least) & (range_m <= most) & np.isfinite(range_m), range_m, np.nan)
+    is_known = within(rows[:, 0], stated_limits(rows[:, 1], rows[:, 2]))
+    return np.where(is_known[:, None], rows[:, :1], np.nan)
 
 
 def _position(m: Message) -> tuple[float, ...]:

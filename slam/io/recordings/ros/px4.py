@@ -26,12 +26,16 @@ Array = NDArray[np.float64]
 Message = Any
 
 PACKAGE = "px4_msgs/msg/"
-_GPS = "latitude_deg longitude_deg altitude_msl_m lat lon alt fix_type"
+_GPS = "latitude_deg longitude_deg altitude_msl_m lat lon alt fix_type eph epv"
+_FLOW = "pixel_flow[2] delta_angle[2] integration_timespan_us distance_m quality"
 _FIELDS = {
     "sensor_combined": "gyro_rad[3] accelerometer_m_s2[3]",
     "distance_sensor": "current_distance min_distance max_distance orientation variance signal_quality",
     "vehicle_attitude": "q[4] quat_reset_counter",
-    "vehicle_optical_flow": "pixel_flow[2] delta_angle[2] integration_timespan_us distance_m quality",
+    "vehicle_optical_flow": _FLOW,
+    "sensor_optical_flow": _FLOW,
+    "optical_flow": "pixel_flow_x_integral pixel_flow_y_integral gyro_x_rate_integral gyro_y_rate_integral "
+    "integration_timespan ground_distance_m quality",
     "manual_control_setpoint": "pitch roll throttle yaw x y z r",
     "battery_status": "voltage_v",
     "vehicle_gps_position": _GPS,

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from slam.core.flight import Gps
+from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.messages import Note
 from slam.io.files import brief, refusal
 from slam.io.recordings.logs.field_values import Fields, column, columns
 from slam.io.recordings.tables.columns import Column
-from slam.io.streams import METRES_PER_DEGREE, metres_per_degree_east
 
 Array = NDArray[np.float64]
 

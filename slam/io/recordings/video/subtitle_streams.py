@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.core.flight import Gps
+from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.lens_priors import UNKNOWN_FOCAL_STD_RATIO
 from slam.core.messages import Note
 from slam.core.rotations import roll_pitch_yaw_of
@@ -20,7 +21,6 @@ from slam.io.recordings.recording import Offer, StreamReadings
 from slam.io.recordings.video.model_lens import FILM_WIDTH_MM, ModelLens
 from slam.io.recordings.video.subtitles import Subtitles, changed_rows
 from slam.io.sensor_yaml import Value
-from slam.io.streams import METRES_PER_DEGREE, metres_per_degree_east
 
 Array = NDArray[np.float64]
 

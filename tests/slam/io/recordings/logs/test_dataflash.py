@@ -11,6 +11,7 @@ import pytest
 
 from slam.core.errors import InputError
 from slam.core.rotations import rotation_of
+from slam.io.flight_folder import read_flight, write_flight
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
@@ -101,6 +102,60 @@ def test_ranges_of_older_logs_are_in_hundredths(tmp_path):
     rows = [(1_000_000, 250, 25)]
     flight = read(log(tmp_path / "a.bin", {"RFND": ("QCB", "TimeUS,Dist1,Orient1", rows)}))
     assert flight.sonar.range_m.tolist() == [2.5]
+
+
+def test_ranges_of_the_oldest_logs_have_no_orientation(tmp_path):
+    flight = read(log(tmp_path / "a.bin", {"RFND": ("QCC", "TimeUS,Dist1,Dist2", [(1_000_000, 250, 0)])}))
+    assert flight.sonar.range_m.tolist() == [2.5]
+
+
+@pytest.mark.parametrize(
+    ("names", "limits"),
+    [
+        ((), None),
+        (("RNGFND2_MIN_CM", "RNGFND2_MAX_CM"), (20, 8000)),
+        (("RNGFND2_MIN", "RNGFND2_MAX"), (0.2, 80)),
+    ],
+)
+def test_a_far_range_is_read_with_the_limits_of_the_parameters(tmp_path, names, limits):
+    """The first sensor looks ahead, and leaves its place to the second one, which sees 50 m."""
+    ranges = [(1_000_000 + k, i, 50.0 if i else 5.0, 4, 25 * i, 90) for k in range(3) for i in (0, 1)]
+    messages = {"RFND": (*RANGE, ranges)}
+    if names:
+        rows = [(0, name.encode(), value) for name, value in zip(names, limits, strict=True)]
+        messages["PARM"] = ("QNf", "TimeUS,Name,Value", rows)
+    flight = read(log(tmp_path / "a.bin", messages))
+    assert flight.sonar.range_m.tolist() == [50.0] * 3
+    assert flight.sonar.max_range_m == (80.0 if names else np.inf)
+    assert any("no max_range is stated" in line for line in flight.warnings) == (not names)
+    write_flight(flight, tmp_path / "f")
+    again = read_flight(tmp_path / "f").sonar
+    assert (again.range_m.tolist(), again.max_range_m) == ([50.0] * 3, flight.sonar.max_range_m)
+
+
+def test_a_receiver_states_its_accuracy(tmp_path):
+    fixes = [(1_000_000 + 200_000 * k, 1, 3, 600_000_000, 80_000_000, 584.0) for k in range(3)]
+    none = [(1_000_000 + 200_000 * k, 0, 1, 0, 0, 0.0) for k in range(3)]
+    stated = [(row[0], row[1], 0.02 if row[1] else 99.0, 0.04) for row in [*none, *fixes]]
+    messages = {"GPS": ("QBBLLf", "TimeUS,I,Status,Lat,Lng,Alt", [*none, *fixes])}
+    messages["GPA"] = ("QBff", "TimeUS,I,HAcc,VAcc", stated)
+    gps = read(log(tmp_path / "a.bin", messages)).gps
+    assert gps.latitude_deg.tolist() == [60.0] * 3, "the second receiver; the first has no fix"
+    assert gps.noise_std_m == pytest.approx((0.02, 0.02, 0.04), rel=1e-5)
+
+
+def test_stamps_of_old_logs_are_milliseconds(tmp_path):
+    """``TimeMS`` of an old GPS message is that of the week; its stamp is ``T``."""
+    ranges = [(1000 + 20 * k, 250, 25) for k in range(3)]
+    fixes = [(3, 400_000_000 + 200 * k, 1800, 470_000_000, 80_000_000, 500.0, 1100 + 200 * k) for k in (0, 1)]
+    messages = {
+        "RFND": ("ICB", "TimeMS,Dist1,Orient1", ranges),
+        "GPS": ("BIHLLfI", "Status,TimeMS,Week,Lat,Lng,Alt,T", fixes),
+    }
+    flight = read(log(tmp_path / "a.bin", messages))
+    assert flight.epoch_ns == 1_000_000_000
+    assert flight.sonar.stamps_s == pytest.approx([0.0, 0.02, 0.04])
+    assert flight.gps.stamps_s == pytest.approx([0.1, 0.3])
 
 
 def test_flow_times_the_range_at_its_time_is_the_speed(tmp_path):

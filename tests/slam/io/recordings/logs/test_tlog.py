@@ -107,6 +107,29 @@ def test_positions_of_integers(tmp_path):
     assert np.isnan(gps.altitude_m[1])
 
 
+def test_a_receiver_states_its_accuracy_in_version_2(tmp_path):
+    def fix(seconds: float, version: int) -> bytes:
+        time_us = round((BOOT_MS / 1e3 + seconds) * 1e6)
+        place = (600_000_000, 80_000_000, 500_000, 0, 0, 0, 0, 3, 9)
+        more = ("iII", 0, 20, 40) if version == 2 else ("",)
+        return packet(24, f"QiiiHHHHBB{more[0]}", time_us, *place, *more[1:], version=version)
+
+    for version, noise in ((1, (5.0, 5.0, 10.0)), (2, (0.02, 0.02, 0.04))):
+        path = log(tmp_path / f"{version}.tlog", *(at(k, fix(k, version)) for k in range(3)))
+        assert read(path).gps.noise_std_m == pytest.approx(noise, rel=1e-5)
+
+
+def test_ranges_state_their_limits(tmp_path):
+    """A sensor that looks ahead has other limits than the one that looks down."""
+    rows = [
+        at(k / 10, packet(132, "IHHHBBBB", BOOT_MS + 100 * k, 20, most, 4000, 0, 0, facing, 0))
+        for k, (most, facing) in enumerate(((5000, 25), (9000, 0), (5000, 25), (9000, 0), (9000, 0)))
+    ]
+    sonar = read(log(tmp_path / "a.tlog", *rows)).sonar
+    assert (sonar.min_range_m, sonar.max_range_m) == pytest.approx((0.2, 50.0))
+    assert sonar.range_m[[0, 2]].tolist() == [40.0, 40.0]
+
+
 def test_imus_in_their_units(tmp_path):
     """1000 thousandths of g up along -z of forward-right-down axes; 500 mrad/s about each axis."""
     scaled = [

@@ -67,6 +67,42 @@ def test_attitude_of_north_east_down_becomes_yaw_from_east(tmp_path, roll_pitch_
     assert np.degrees(flight.attitude.roll_pitch_yaw_rad[0]) == pytest.approx(expected_deg, abs=1e-4)
 
 
+def test_a_receiver_states_its_accuracy(tmp_path):
+    fields = "int32_t lat;int32_t lon;int32_t alt;uint8_t fix_type;float eph;float epv;"
+    rows = [(1_000_000 + 200_000 * k, 600_000_000, 80_000_000, 500_000, 3, 0.02, 0.04) for k in range(3)]
+    rows += [(2_000_000 + 200_000 * k, 0, 0, 0, 0, 99.0, 99.0) for k in range(9)]
+    gps = read(log(tmp_path / "a.ulg", {"vehicle_gps_position": (fields, "3iB2f", rows)})).gps
+    assert gps.noise_std_m == pytest.approx((0.02, 0.02, 0.04), rel=1e-5)
+
+
+def test_the_range_sensor_that_looks_down_is_taken(tmp_path):
+    """The limits of the second one are left 0, which states none."""
+    fields = "float min_distance;float max_distance;float current_distance;uint8_t orientation;"
+    topics = {
+        f"distance_sensor{name}": (
+            fields,
+            "3fB",
+            [(1_000_000 + k, 0.0, 0.0, 50.0, facing) for k in range(3)],
+        )
+        for name, facing in (("", 0), ("[1]", 25))
+    }
+    flight = read(log(tmp_path / "a.ulg", topics))
+    assert flight.sonar.range_m.tolist() == [50.0] * 3
+    left = next(s for s in flight.sources if s.channel == "distance_sensor")
+    assert "3 readings of sensors that do not look down are left out" in left.reading
+
+
+def test_flow_of_older_versions(tmp_path):
+    """0.03 rad less 0.01 rad of turn in 0.02 s at 2 m: 2 m/s forward."""
+    names = ["pixel_flow_x", "pixel_flow_y", "gyro_x_rate", "gyro_y_rate"]
+    fields = "".join(f"float {name}_integral;" for name in names)
+    fields += "float ground_distance_m;uint32_t integration_timespan;uint8_t quality;"
+    rows = [(1_000_000, 0, 0.03, 0, 0.01, 2.0, 20_000, 200), (1_020_000, 0, 0.03, 0, 0.01, 2.0, 20_000, 0)]
+    velocity = read(log(tmp_path / "a.ulg", {"optical_flow": (fields, "5fIB", rows)})).velocity
+    assert velocity.v_m_s[0] == pytest.approx([2.0, 0.0], abs=1e-6)
+    assert np.isnan(velocity.v_m_s[1]).all()
+
+
 def test_integer_positions_are_scaled_and_fixes_are_required(tmp_path):
     fields = "int32_t lat;int32_t lon;int32_t alt;uint8_t fix_type;"
     rows = [
