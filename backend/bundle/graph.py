@@ -66,10 +66,10 @@ class BundleConfig:
 
 LARGEST_SLOPE_RAD = 3 * BundleConfig.slope_std_rad
 """Slope of the ground that is no error: three standard deviations of its prior."""
-_OFFSET_STD_M = np.array([5.0, 5.0, 100.0])
-"""Standard deviations of the offset between positions and control points, east, north and up. Two positions
-without corrections share errors of metres, as datums do that follow different continents; heights over an
-ellipsoid and over the sea differ by up to 106 m (EGM2008)."""
+_OPEN_M = 1e5
+"""Standard deviation of a length of the world that no prior tells: of the floor's height, and of the offset
+between positions and control points. With a tighter one, an offset beyond it would count as noise of the
+positions."""
 
 
 @dataclass(frozen=True)
@@ -255,15 +255,14 @@ def _add_gauge(
     sigmas = np.full(WORLD_SIZE, held)
     sigmas[LOG_SCALE] = free if problem.has_scale else held
     raised = measured.control or any(np.isfinite(p.std_m[2]) for p in measured.positions)
-    sigmas[FLOOR_Z] = 1e5 if raised else held
+    sigmas[FLOOR_Z] = _OPEN_M if raised else held
     sigmas[LOG_GAIN] = max(measured.range_gain_std, held)
     # A beam measures a level within the relief with a constant bias, its tops for example.
     relief_m = noise.relief * float(np.exp(start.atVector(WORLD)[LOG_SCALE]))
     sigmas[DATUM] = max(float(np.hypot(measured.range_datum_std_m, relief_m)), held)
     sigmas[SLOPE] = noise.slope_rad if placed else held
     sigmas[MOUNT] = max(problem.camera.mount_std_rad, held)
-    if measured.positions and measured.control:
-        sigmas[OFFSET] = _OFFSET_STD_M
+    sigmas[OFFSET] = np.where(measured.axes_of_both, _OPEN_M, held)
     sigmas[ANTENNA] = max(measured.antenna_std_m, held)
     world = start.atVector(WORLD)
     if problem.scale_prior is not None:

@@ -129,6 +129,13 @@ class Measurements:
         """Whether positions or control points place the map in the world."""
         return bool(self.positions or self.control)
 
+    @property
+    def axes_of_both(self) -> NDArray[np.bool_]:
+        """(3,) axes along which positions and control points are measured, so that they can be compared."""
+        both = [[one.std_m for one in of] for of in (self.positions, self.control)]
+        known = [np.isfinite(np.reshape(stds, (-1, 3))).any(axis=0) for stds in both]
+        return np.asarray(known[0] & known[1])
+
     def of_keyframes(self, members: Sequence[int]) -> Measurements:
         """Return the measurements of some keyframes alone, numbered in the order of ``members`` (m,).
 

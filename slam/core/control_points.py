@@ -83,10 +83,27 @@ class ControlReport:
 
     points: tuple[PointResidual, ...]
     gps_offset_m: tuple[float, float, float] | None = None
-    """East, north, up: by how much GPS positions lie off the control points' datum; None without either."""
+    """East, north, up: by how much GPS positions lie off the control points' datum, or off the check points
+    where no control point is used; None without either, NaN along an axis that one of both lacks."""
     gps_offset_std_m: tuple[float, float, float] | None = None
+    gps_std_m: tuple[float, float, float] | None = None
+    """Standard deviations of one fix."""
+    gps_is_stated: bool = False
+    """Whether the receiver states them; else they are assumed."""
+    altitude_m: float | None = None
+    """Mean altitude of the points that `gps_offset_m` is about, as surveyed; None without any."""
     survey_scale: float = 1.0
     """Factor on the stated deviations of the survey, where its residuals ask for more."""
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether control points place the map."""
+        return any(point.used for point in self.points)
+
+    @property
+    def checks(self) -> tuple[PointResidual, ...]:
+        """The check points that are compared with the map."""
+        return tuple(p for p in self.of_role("check") if p.residual_m is not None and p.std_m is not None)
 
     def of_role(self, role: Role) -> tuple[PointResidual, ...]:
         """Return the points of a role."""

@@ -283,7 +283,7 @@ class Estimate:
     @property
     def follows_control_points(self) -> bool:
         """Whether control points place the map."""
-        return self.control is not None and any(point.used for point in self.control.points)
+        return self.control is not None and self.control.is_followed
 
     @property
     def altitude_known(self) -> bool:

@@ -156,7 +156,7 @@ def _control_record(control: ControlReport) -> dict[str, Any]:
     record: dict[str, Any] = {"control_points": [asdict(point) for point in control.points]}
     if control.gps_offset_m is not None:
         offset = {"offset_m": control.gps_offset_m, "offset_std_m": control.gps_offset_std_m}
-        record["gps_against_control"] = offset
+        record["gps_against_control" if control.is_followed else "gps_against_check_points"] = offset
     if control.survey_scale > 1:
         record["survey_scale"] = control.survey_scale
     return record

@@ -84,6 +84,8 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     points = [_point(name, of, geodetic) for name, of in by_name.items()]
     points = _with_two_names(points, by_name)
     firsts = np.array([by_name[point.name][0].place[:2] for point in points])
+    if system.unit_note and any(row.place[2] is not None for row in rows):
+        notes = [*notes, system.unit_note]
     return _near_flight(path, points, flight, firsts, system), [*notes, *unknown]
 
 

@@ -25,6 +25,9 @@ _CODES = re.compile(r"(?:EPSG\s*:?\s*)?(\d{4,6})(?:\s*\+\s*(?:EPSG\s*:\s*)?(\d{4
 _WKT = re.compile(r"(PROJ|GEOG|GEOD|COMPOUND|COMPD_)(CS|CRS)\[", re.IGNORECASE)
 _HEIGHT_UNIT = re.compile(r'VERT_CS\[.*?UNIT\["[^"]*",([-+.\deE]+)', re.DOTALL)
 
+_SAME_UNIT = 1e-9
+"""Largest relative difference by rounding: the two feet in use differ by 2e-6."""
+
 
 @dataclass(frozen=True)
 class SurveySystem:
@@ -66,6 +69,20 @@ class SurveySystem:
         """Return the unit of heights, metres where the system has none."""
         found = _HEIGHT_UNIT.search(self.crs.to_wkt())
         return float(found[1]) if found else 1.0
+
+    @property
+    def unit_note(self) -> str:
+        """Return that heights are taken in metres where x and y are in another unit; empty elsewhere."""
+        if not self.crs.is_projected or _HEIGHT_UNIT.search(self.crs.to_wkt()):
+            return ""
+        name, unit_m = self.crs.linear_units_factor
+        if abs(unit_m - 1) < _SAME_UNIT:
+            return ""
+        return (
+            f"{brief(self.path.name, 80)}, line {self.line}: x and y are in another unit ({name}), and "
+            "heights are taken in metres, because no system of heights is named; name one with its unit "
+            "after a plus sign, such as EPSG:2232+6360 for US survey feet, or EPSG:2232+5703 for metres"
+        )
 
     def geodetic(self, xy: Array) -> Array:
         """Return longitude and latitude (n, 2) in degrees of x, y (n, 2); NaN for what the system lacks.

@@ -18,6 +18,7 @@ from slam.core.control_points import ControlReport, PointResidual, SurveyedPoint
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic
 from slam.mapping.gps.consensus import FALSE_ALARM, rough_agreement
+from slam.mapping.gps.fixes import Fixes
 
 Array = NDArray[np.float64]
 
@@ -146,6 +147,20 @@ def _sigmas(point: ControlPoint, place: LocatedPoint, scale: float) -> float:
     return float(np.sqrt(off @ np.linalg.solve(covariance, off)))
 
 
+def _common(rows: Sequence[PointResidual]) -> tuple[Array, Array]:
+    """Return the mean residual (3,) of points, NaN along an axis that none has, and its standard deviations.
+
+    Most of a residual's deviation is that of the map's place, which all of them share: a mean of many is
+    taken as no better known than one.
+    """
+    off_m = np.array([row.residual_m for row in rows], dtype=float)
+    std_m = np.array([row.std_m for row in rows], dtype=float)
+    known = np.isfinite(off_m)
+    count = np.where(known.any(axis=0), known.sum(axis=0), np.nan)
+    mean = np.sum(np.where(known, off_m, 0.0), axis=0) / count
+    return mean, np.sqrt(np.sum(np.where(known, std_m, 0.0) ** 2, axis=0) / count)
+
+
 @dataclass(frozen=True)
 class ControlVerdict:
     """Verdict of a refined map on the surveyed points."""
@@ -160,15 +175,34 @@ class ControlVerdict:
     placed: bool
     """Whether the map is on Earth."""
 
-    def report(self, bundle: Bundle, used: NDArray[np.bool_]) -> ControlReport:
-        """Return the residuals of all points of a map that follows those in ``used`` (p,)."""
-        both = bool(used.any()) and bool(bundle.optimum.problem.measurements.positions)
+    def report(self, bundle: Bundle, used: NDArray[np.bool_], fixes: Fixes | None = None) -> ControlReport:
+        """Return the residuals of all points of a map that follows those in ``used`` (p,).
+
+        ``fixes``: the GPS fixes that it has.
+        """
         rows = tuple(self._residual(k, bool(used[k])) for k in range(len(self.points)))
-        return ControlReport(
-            points=rows,
-            gps_offset_m=triple(bundle.position_offset_m) if both else None,
-            gps_offset_std_m=triple(bundle.position_offset_std_m) if both else None,
-            survey_scale=self.scale,
+        report = ControlReport(points=rows, survey_scale=self.scale)
+        measured = bundle.optimum.problem.measurements
+        if not measured.positions:
+            return report
+        if used.any():
+            compared = np.flatnonzero(used).tolist()
+            offset_m, std_m = bundle.position_offset_m, bundle.position_offset_std_m
+            offset_m, std_m = (np.where(measured.axes_of_both, x, np.nan) for x in (offset_m, std_m))
+        else:
+            compared = [k for k, row in enumerate(rows) if row in report.checks]
+            if not compared:
+                return report
+            offset_m, std_m = _common([rows[k] for k in compared])
+        altitudes = [self.points[k].told.altitude_m for k in compared]
+        known = [z for z in altitudes if np.isfinite(z)]
+        return replace(
+            report,
+            gps_offset_m=triple(offset_m),
+            gps_offset_std_m=triple(std_m),
+            gps_std_m=None if fixes is None else fixes.std_m,
+            gps_is_stated=fixes is not None and fixes.stated,
+            altitude_m=float(np.mean(known)) if known else None,
         )
 
     def _residual(self, k: int, used: bool) -> PointResidual:

@@ -33,6 +33,7 @@ from slam.mapping.place_part import aligned_part, aligned_with_control, headed
 from slam.mapping.setup import Setup
 from slam.mapping.warnings.control_points import control_warnings
 from slam.mapping.warnings.convergence import convergence_warnings
+from slam.mapping.warnings.gps_offset import offset_remarks
 
 Array = NDArray[np.float64]
 
@@ -101,7 +102,10 @@ def refine_map(
             *(line for part in parts for line in part.warnings),
             *(control_warnings(main.control) if main and main.control else ()),
         ),
-        remarks=tuple(line for part in parts for line in part.remarks),
+        remarks=(
+            *(line for part in parts for line in part.remarks),
+            *(offset_remarks(main.control) if main and main.control else ()),
+        ),
         no_scale=tuple(line for part in parts for line in part.no_scale),
         velocity_left_out=any(part.velocity_left_out for part in parts),
         fixes_left_out=tuple(name for part in parts for name in part.fixes_left_out),
@@ -217,7 +221,9 @@ class _Evidence:
                 bundle=bundle,
                 inertial=by_inertia if isinstance(by_inertia, AccelerometerScale) else None,
                 clock=compared.clock if compared else None,
-                control=verdict.report(bundle, used_points) if control.points else None,
+                control=verdict.report(bundle, used_points, fixes.fixes if fixes else None)
+                if control.points
+                else None,
             )
             used, settled = agreement, np.array_equal(verdict.used, used_points)
             if fixes is not None and used is not None:

@@ -9,9 +9,7 @@ from backend.wording import either
 from slam.core.control_points import ControlReport
 from slam.core.names import listed
 from slam.mapping.control_points import LEAST_POINTS
-
-_CHECK_FALSE_ALARM = 1e-3
-"""Probability that check points are said to contradict a map whose deviations are right."""
+from slam.mapping.warnings.gps_offset import FALSE_ALARM, offset_warnings
 
 
 def control_warnings(report: ControlReport) -> list[str]:
@@ -34,18 +32,24 @@ def control_warnings(report: ControlReport) -> list[str]:
             f"{either(len(wrong), 'contradicts', 'contradict')} the others and the pictures, and "
             f"{either(len(wrong), 'is', 'are')} not used: {each}; check their coordinates and pixels"
         )
-    return lines + _check_warnings(report)
+    return [*lines, *offset_warnings(report), *_check_warnings(report)]
 
 
 def _check_warnings(report: ControlReport) -> list[str]:
-    checks = [p for p in report.of_role("check") if p.residual_m is not None and p.std_m is not None]
-    z = np.array([[x / s for x, s in zip(p.residual_m or (), p.std_m or (), strict=True)] for p in checks])
-    z = z[np.isfinite(z)] if len(z) else z
-    if not any(p.used for p in report.points) or not len(z):
+    if not report.checks:
         return []
-    if float(np.sum(z**2)) <= chi_square_limit(_CHECK_FALSE_ALARM, len(z)):
+    off = np.array([p.residual_m for p in report.checks], dtype=float)
+    std = np.array([p.std_m for p in report.checks], dtype=float)
+    known = np.isfinite(off)
+    dof = int(known.sum())
+    if not report.is_followed:
+        # What they share is compared with the GPS by itself (`slam.mapping.warnings.gps_offset`).
+        off = off - np.array(report.gps_offset_m if report.gps_offset_m is not None else np.zeros(3))
+        dof -= int(known.any(axis=0).sum())
+    z = (off / std)[known]
+    if dof < 1 or float(np.sum(z**2)) <= chi_square_limit(FALSE_ALARM, dof):
         return []
-    off_m = max(p.distance_m for p in checks)
+    off_m = np.sqrt(np.nansum(off**2, axis=1)).max()
     return [
         f"check points lie up to {off_m:.3g} m from the map, {np.sqrt(np.mean(z**2)):.2g} times their "
         "standard deviation: the map is less accurate than it states, or a check point is wrong; check their "

@@ -28,8 +28,8 @@ def control_tables(report: ControlReport | None) -> tuple[FigureTable, ...]:
     if report.gps_offset_m is not None and report.gps_offset_std_m is not None:
         rows.append(
             (
-                "GPS minus control points", "offset", "",
-                *(f"{x:+.3f}" for x in report.gps_offset_m), _stds(report.gps_offset_std_m), "", "",
+                f"GPS minus {'control' if report.is_followed else 'check'} points", "offset", "",
+                *map(_metres, report.gps_offset_m), _stds(report.gps_offset_std_m), "", "",
             )
         )  # fmt: skip
     return (FigureTable(_TITLE, _COLUMNS, tuple(rows)),)

@@ -49,11 +49,13 @@ def surveyed(made: Made, seed: int, count: int = 8) -> tuple[list[ControlPoint],
     return points, np.array(places)
 
 
-def refined(seed: int, wrong_m: float = 0.0, scene=SURVEYED) -> tuple[Made, Bundle, list, np.ndarray]:
+def refined(
+    seed: int, wrong_m: float = 0.0, scene=SURVEYED, datum_m=DATUM_M
+) -> tuple[Made, Bundle, list, np.ndarray]:
     """A map with six control points, the other two held out."""
     made = make(scene, seed)
     points, places = surveyed(made, seed)
     points[0] = replace(points[0], w_p_m=points[0].w_p_m + [wrong_m, 0, 0])
-    shifted = [replace(p, w_p_b_m=p.w_p_b_m + DATUM_M) for p in made.measurements.positions]
+    shifted = [replace(p, w_p_b_m=p.w_p_b_m + datum_m) for p in made.measurements.positions]
     measured = replace(made.measurements, positions=tuple(shifted), control=tuple(points[:6]))
     return made, refine(measured, made.start, made.floor_z_m), points, places

@@ -57,6 +57,24 @@ def test_a_point_that_is_wrong_by_ten_metres_moves_the_map_little():
     assert np.linalg.norm(found.w_p_m - places[0]) < 0.3
 
 
+@pytest.mark.parametrize("level_alone", [False, True])
+def test_an_offset_of_a_hundred_metres_is_no_noise_of_the_positions(level_alone):
+    """Where the points have no heights, the positions alone tell them: the offset is then held."""
+    datum_m = np.array([100.0, -60.0, 0.0 if level_alone else 47.0])
+    made, bundle, points, _ = refined(0, datum_m=datum_m)
+    if level_alone:
+        flat = tuple(replace(p, std_m=np.array([0.02, 0.02, np.inf])) for p in points[:6])
+        measured = replace(bundle.optimum.problem.measurements, control=flat)
+        bundle = refine(measured, made.start, made.floor_z_m)
+    assert np.abs(bundle.position_offset_m - datum_m)[:2].max() < 4 * bundle.position_offset_std_m[:2].max()
+    assert bundle.position_offset_std_m[:2].max() < 2.0
+    off_m = bundle.w_T_b[:, :3, 3] - made.w_T_b[:, :3, 3]
+    std_m = np.sqrt(np.diagonal(bundle.covariances, axis1=1, axis2=2)[:, 3:])
+    assert (np.linalg.norm(off_m, axis=1) < 4 * np.linalg.norm(std_m, axis=1)).all()
+    assert std_m[:, :2].max() < (1.0 if level_alone else 0.1)
+    assert std_m[:, 2].max() < (3.0 if level_alone else 0.1)
+
+
 def test_control_points_alone_place_a_map():
     """Without any position: the scale, too, comes from them."""
     made = make(SURVEYED, 1)

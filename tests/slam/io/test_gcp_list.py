@@ -120,6 +120,21 @@ def test_heights_in_feet_are_read_where_the_system_has_them(tmp_path):
     assert north.altitude_m == pytest.approx(402.5 * 1200 / 3937)
 
 
+def test_heights_beside_feet_are_taken_in_metres_and_that_is_said(tmp_path):
+    """EPSG:2232 is Colorado Central in US survey feet."""
+    gps = Gps(np.arange(3.0), np.full(3, 39.74), np.full(3, -104.99), np.full(3, 1650.0))
+    row = "3143493.31 1694931.25 {} 100.5 200 DJI_0010.JPG north"
+    for header, height, said in (
+        ("EPSG:2232", "5249.4", True),
+        ("EPSG:2232", "NaN", False),
+        ("EPSG:2232+6360", "5249.4", False),
+    ):
+        (point,), notes = read(tmp_path, [header, row.format(height)], replace(flight(), gps=gps))
+        assert [("heights are taken in metres" in note) for note in notes] == [True] * said
+        if said:
+            assert point.altitude_m == 5249.4
+
+
 def test_degrees_are_longitude_first_and_points_without_a_name_have_numbers(tmp_path):
     rows = [f"8.536 47.403 NaN {u} 20 DJI_00{u}.JPG" for u in (10, 30)]
     ((point,), _) = read(tmp_path, ["EPSG:4326", *rows, "8.537 47.403 3 1 1 DJI_0010.JPG"][:3])
