@@ -4,6 +4,9 @@ Relief displaces pictures along the parallax alone. Errors of poses and of the m
 across it as well, so the components across the parallax are the null sample: the knockoffs of the components
 along it. The threshold is the least with an estimated false discovery rate of at most ``FALSE_SHARE`` (Barber
 and Candes 2015, Controlling the false discovery rate via knockoffs, equation 1.9). A flat floor exceeds none.
+
+That rule needs many squares. A house or a heap covers a few: they are found where they lie far beyond the
+largest component across.
 """
 
 from __future__ import annotations
@@ -17,7 +20,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FALSE_SHARE = 0.05
-"""Share of the squares found to have relief that may be flat. Fewer than its inverse, 20, are never found."""
+"""Share of the squares found to have relief that may be flat, and of the flat floors with a square found
+beyond all components across. The inverse, 20, is the least number of squares that either rule judges."""
+TAIL = 3.0
+"""Exponent of the tails of the components, as heavy as those of Student's t with as many degrees of freedom.
+Of two such samples, the largest value of one is more than r times that of the other with a probability of
+1 / (1 + r^TAIL)."""
 VISIBLE_PX = 0.5
 """Least displacement that counts: a smaller one does not change which pixel of the mosaic shows a point."""
 
@@ -30,6 +38,9 @@ def relief_threshold_px(measured: Misregistration) -> float:
     false = len(across) - np.searchsorted(across, tried)
     found = len(along) - np.searchsorted(along, tried)
     kept = tried[(1 + false) <= FALSE_SHARE * found]
+    if FALSE_SHARE * len(across) >= 1:
+        far_px = (1 / FALSE_SHARE - 1) ** (1 / TAIL) * across[-1]
+        kept = np.concatenate([kept, tried[tried > far_px]])
     return float(kept.min(initial=np.inf))
 
 

@@ -82,6 +82,17 @@ def test_the_threshold_holds_its_false_discovery_rate():
     assert relief_threshold_px(shifts(0.1 * along, 0.01 * across)) >= 0.5  # what nobody sees does not count
 
 
+@pytest.mark.parametrize("count", [20, 60, 400])
+def test_few_squares_far_beyond_the_others_are_found(count):
+    """A house covers a square or two, which no rate of false discoveries can tell from flat ones."""
+    rng = np.random.default_rng(1)
+    flat = [shifts(*0.1 * rng.standard_t(3, (2, count))) for _ in range(400)]
+    assert np.mean([relief_squares(case).any() for case in flat]) < 0.1
+    along, across = 0.1 * rng.normal(size=(2, count))
+    along[:2] = 17.7, -3.1
+    assert np.flatnonzero(relief_squares(shifts(along, across)).ravel()).tolist() == [0, 1]
+
+
 def test_two_pictures_contain_the_corners_of_each_square_that_is_seen_by_two():
     plan = plan_mosaic(CAMERA, POSES, FLOOR_Z_M, 0.01)
     seen = seen_by_two(plan)
