@@ -3,8 +3,9 @@
 Over a segment of a few seconds the specific force, rotated to the world, less gravity and integrated twice,
 is the displacement of the accelerometer, up to an unknown initial position and velocity. It equals the scale
 times the path of the camera, plus the rotated lever arm from the camera to the accelerometer, plus the
-effect of the accelerometer's offset: it is linear in seven parameters. A lever arm of five centimetres
-matters: if a vehicle sways once a second, it causes a fifth of the acceleration.
+effect of the accelerometer's offset, plus that of a floor that slopes, on which the path's z is not up: it is
+linear in nine parameters. A lever arm of five centimetres matters: if a vehicle sways once a second, it
+causes a fifth of the acceleration. So does a slope: taken for level, 2 degrees change lengths by 8 %.
 
 Source: Martinelli 2014 (IJCV 106), sections 3 and 4, for the linear system; Fuller 1987, Measurement Error
 Models, section 2.3, for regressors that err together.
@@ -13,7 +14,7 @@ Models, section 2.3, for regressors that err together.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh, null_space
 
 from backend.measurements import GRAVITY_M_S2, InertialReadings
-from backend.preintegration.integrals import integrate_twice, interpolate_attitudes
+from backend.preintegration.integrals import covered, dense, gaps, integrate_twice, interpolate_attitudes
 
 Array = NDArray[np.float64]
 
@@ -32,15 +33,20 @@ _TARGET_SEGMENTS, _MAX_SEGMENTS, MIN_SEGMENTS = 12, 60, 8
 """Numbers of segments; short flights have shorter segments."""
 MIN_POSES = 8
 _MAX_GAP_S = 0.5
+LEAST_GAP_S = 0.1
+"""Time without a reading that is no gap."""
 MIN_SPACING_S = 0.05
 """Smallest spacing of poses: closer ones share their errors and add no information at 1 Hz."""
-PRIOR = np.diag(np.array([0.0, *[3.0**-2] * 3, *[0.3**-2] * 3]))
-"""Prior information of scale, offset [m/s²] and arm [m], for a vehicle that hardly rotates or moves."""
+PRIOR = np.diag(np.array([0.0, *[3.0**-2] * 3, *[0.3**-2] * 3, *[0.02**-2] * 2]))
+"""Prior information of scale, offset [m/s²], arm [m] and slope of the floor [rad], for a vehicle that hardly
+rotates or moves. Paved ground falls by up to 2 % to drain (AASHTO 2018, Geometric Design, section 4.2.2)."""
+SIZE = len(PRIOR)
+"""Number of parameters."""
 
 
 @dataclass(frozen=True)
 class RegressionRows:
-    """Linear system of all segments: ``displacement = regressors @ (scale, offset, arm) + noise``.
+    """Linear system of all segments: ``displacement = regressors @ (scale, offset, arm, slope) + noise``.
 
     Initial position and velocity are projected out, and the noise is independent between rows.
     """
@@ -54,11 +60,11 @@ class RegressionRows:
     displacement: Array
     """(r, 3)."""
     regressors: Array
-    """(r, 3, 7)."""
+    """(r, 3, 9)."""
     regressor_noise: Array
-    """(3, 7, 7) nominal covariance of the regressors' noise in each axis."""
+    """(3, 9, 9) nominal covariance of the regressors' noise in each axis."""
     expected: Array
-    """(7,) mean of the parameters' prior: the arm leads to the body's origin, where an IMU is."""
+    """(9,) mean of the parameters' prior: the arm leads to the body's origin, where an IMU is."""
 
     def pose_variance(self, noise: Array) -> Array:
         """Return the variance (r,) of pose errors over the nominal one: white noise plus random walk."""
@@ -73,39 +79,40 @@ class RegressionRows:
         return np.asarray(1 / (force[:, None] + poses))
 
     def residuals(self, parameters: Array) -> Array:
-        """Return residuals (r, 3) for scale, offset and arm."""
+        """Return residuals (r, 3) for scale, offset, arm and slope."""
         return np.asarray(self.displacement - self.regressors @ parameters)
 
     def whitened(self, parameters: Array, noise: Array) -> Array:
-        """Return whitened residuals (3r + 7,): those of the rows and those of the prior."""
+        """Return whitened residuals (3r + 9,): those of the rows and those of the prior."""
         residuals = np.sqrt(self.weight(parameters, noise)) * self.residuals(parameters)
         return np.concatenate([residuals.ravel(), np.sqrt(np.diag(PRIOR)) * (parameters - self.expected)])
 
     def jacobian(self, parameters: Array, noise: Array) -> Array:
-        """Return the Jacobian (3r + 7, 7) of ``whitened``: the noise grows with the parameters, too."""
+        """Return the Jacobian (3r + 9, 9) of ``whitened``: the noise grows with the parameters, too."""
         root = np.sqrt(self.weight(parameters, noise))[..., None]
         growing = self.pose_variance(noise)[:, None, None] * (self.regressor_noise @ parameters)
         jacobian = -root * self.regressors - root**3 * self.residuals(parameters)[..., None] * growing
-        return np.concatenate([jacobian.reshape(-1, 7), np.sqrt(PRIOR)])
+        return np.concatenate([jacobian.reshape(-1, SIZE), np.sqrt(PRIOR)])
 
     def fit_at_scale(self, scale: float, noise: Array) -> Array:
-        """Return parameters (7,) for a scale, with the best offset and arm for the noise of a short arm."""
-        short = np.array([scale, *[0.0] * 6])
+        """Return parameters (9,) for a scale, with the best others for the noise of a short arm."""
+        short = np.zeros(SIZE)
+        short[0] = scale
         information, weighted = self._of_others(self.weight(short, noise))
         prior = (PRIOR @ self.expected)[1:]
         short[1:] = np.linalg.solve(information, weighted @ self.residuals(short).ravel() + prior)
         return short
 
     def log_determinant(self, parameters: Array, noise: Array) -> float:
-        """Return the log-determinant term of the noise likelihood, offset and arm marginalised."""
+        """Return the log-determinant term of the noise likelihood, all but the scale marginalised."""
         weight = self.weight(parameters, noise)
         return float(np.linalg.slogdet(self._of_others(weight)[0])[1] - np.log(weight).sum())
 
     def _of_others(self, weight: Array) -> tuple[Array, Array]:
-        """Return the information (6, 6) about offset and arm, and their weighted regressors (6, 3r)."""
+        """Return the information (8, 8) about all but the scale, and their weighted regressors (8, 3r)."""
         others = self.regressors[..., 1:]
-        weighted = (weight[..., None] * others).reshape(-1, 6).T
-        return weighted @ others.reshape(-1, 6) + PRIOR[1:, 1:], weighted
+        weighted = (weight[..., None] * others).reshape(-1, SIZE - 1).T
+        return weighted @ others.reshape(-1, SIZE - 1) + PRIOR[1:, 1:], weighted
 
 
 @dataclass(frozen=True)
@@ -165,19 +172,44 @@ class PathAndReadings:
             added.append(np.tensordot(contrast, integrate_twice(imu_s, w_R_b * force[:, None], at_s), axes=1))
         return np.concatenate(added)
 
+    def at_half_rate(self) -> PathAndReadings:
+        """Return the same with means of two successive readings each, as a sensor of half the rate averages.
+
+        First and last reading are kept, and the means do not reach over gaps.
+        """
+        read = self.readings
+        pairs = np.arange(1, len(read.stamps_s) - 2, 2)
+        pairs = pairs[~gaps(read.stamps_s, LEAST_GAP_S)[pairs]]
+
+        def means(values: Array) -> Array:
+            return np.concatenate([values[:1], (values[pairs] + values[pairs + 1]) / 2, values[-1:]])
+
+        halved = InertialReadings(means(read.stamps_s), means(read.gyro_rad_s), means(read.accel_m_s2))
+        return replace(self, readings=halved)
+
+    @cached_property
+    def _dense(self) -> InertialReadings:
+        """Readings with further ones between slow ones."""
+        read = self.readings
+        both = np.hstack([read.gyro_rad_s, read.accel_m_s2])
+        times_s, values = dense(read.stamps_s, both, LEAST_GAP_S)
+        return InertialReadings(times_s, values[:, :3], values[:, 3:])
+
     def _segment_rows(self, segment: slice, lag_s: float) -> tuple[Array, Array]:
-        """Return displacement (m, 3) and regressors (m, 3, 7) of a segment."""
+        """Return displacement (m, 3) and regressors (m, 3, 9) of a segment."""
         at_s, imu_s, w_R_b, b_force = self._readings_between(segment, lag_s)
         force = np.einsum("kab,kb->ka", w_R_b, b_force) - [0, 0, GRAVITY_M_S2]
         twice = integrate_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
         w_T_c = self.w_T_c[segment]
         path = w_T_c[:, :3, 3:] - w_T_c[0, :3, 3:]
-        return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_c[:, :3, :3]], axis=-1)
+        # Gravity along x and y of a floor that slopes.
+        drawn = 0.5 * GRAVITY_M_S2 * (at_s - at_s[0])[:, None, None] ** 2 * np.eye(3)[:, :2]
+        return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_c[:, :3, :3], drawn], axis=-1)
 
     def _readings_between(self, segment: slice, lag_s: float) -> tuple[Array, Array, Array, Array]:
         """Return pose times (m,), and times (k,), attitudes (k, 3, 3) and specific force (k, 3) of the
         readings around them."""
-        at_s, readings = self.stamps_s[segment], self.readings
+        at_s, readings = self.stamps_s[segment], self._dense
         # One reading at or before the first pose, and one at or after the last.
         first = int(np.searchsorted(readings.stamps_s, at_s[0], side="right")) - 1
         last = int(np.searchsorted(readings.stamps_s, at_s[-1])) + 1
@@ -190,12 +222,8 @@ class PathAndReadings:
 
 def find_segments(stamps_s: Array, imu_s: Array) -> list[slice]:
     """Find segments of poses without a gap in poses or readings, the first and last reading included."""
-    gap = np.diff(imu_s) > _MAX_GAP_S / 5
-    # As many gaps have ended before a pose as have begun until it.
-    inside = np.searchsorted(imu_s[1:][gap], stamps_s) == np.searchsorted(imu_s[:-1][gap], stamps_s)
-    inside &= (stamps_s >= imu_s[0]) & (stamps_s <= imu_s[-1])
-    broken = (np.diff(stamps_s) > _MAX_GAP_S) | ~inside[1:] | ~inside[:-1]
-    runs = [run[inside[run]] for run in np.split(np.arange(len(stamps_s)), np.flatnonzero(broken) + 1)]
+    whole = covered(imu_s, stamps_s, LEAST_GAP_S) & (np.diff(stamps_s) <= _MAX_GAP_S)
+    runs = np.split(np.arange(len(stamps_s)), np.flatnonzero(~whole) + 1)
     runs = [run for run in runs if len(run) >= MIN_POSES]
     lasts_s = sum(float(stamps_s[run[-1]] - stamps_s[run[0]]) for run in runs)
     stretch_s = float(np.clip(lasts_s / _TARGET_SEGMENTS, *SEGMENT_S))
@@ -210,13 +238,13 @@ def find_segments(stamps_s: Array, imu_s: Array) -> list[slice]:
 
 
 def regressor_covariance(covariance: Array) -> Array:
-    """Return the covariance (3, 7, 7) of the seven regressors of one row, per axis, from that of a pose.
+    """Return the covariance (3, 9, 9) of the nine regressors of one row, per axis, from that of a pose.
 
     The vehicle turns about the vertical: both horizontal axes get the mean of the two.
     """
-    columns = np.zeros((3, 7, 6))
+    columns = np.zeros((3, SIZE, 6))
     columns[:, 0, 3:] = np.eye(3)
-    columns[:, 4:, :3] = [np.cross(axis, np.eye(3)).T for axis in np.eye(3)]
+    columns[:, 4:7, :3] = [np.cross(axis, np.eye(3)).T for axis in np.eye(3)]
     found = np.einsum("aki,ij,alj->akl", columns, covariance, columns)
     found[:2] = found[:2].mean(axis=0)
     return np.asarray(found)

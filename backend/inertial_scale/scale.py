@@ -16,7 +16,7 @@ Source: Fuller 1987, Measurement Error Models, section 2.3, for regressors that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -29,6 +29,7 @@ from backend.inertial_scale.regression_rows import (
     MIN_SPACING_S,
     PRIOR,
     SEGMENT_S,
+    SIZE,
     PathAndReadings,
     RegressionRows,
     find_segments,
@@ -50,6 +51,10 @@ _MAX_OFFSET_M_S2 = 3.0
 _ROUNDS = 3
 _MAX_SCALE_RATIO = 10.0
 """Largest ratio of the scale to its initial guess."""
+_LEAST_RATIO = 1 / _MAX_SCALE_RATIO
+_LEAST_HZ, _RATE_SLACK = 20.0, 1.05
+"""Fewest readings a second, less what clocks and rounded stamps are off. Small vehicles turn at up to 10 Hz:
+slower readings take such turns for slower ones, and lengths are 15 % and more too short."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +75,17 @@ class InertialScale:
     """d log(scale) / d log(gain) for the accelerometer's gain along each body axis. The rotors' thrust is
     almost constant along one axis, where a gain error acts like an offset; the scale then comes from the
     rotation of that force. They add up to 1 for a vehicle that accelerates without tilting."""
+    sampling_std: float = 0.0
+    """Relative standard deviation of the scale by motion that the readings are too slow for: a third of what
+    half as many change. The mean over a step loses an error that grows with the square of the step."""
     lag: AccelerometerLag | None = None
     """Delay of the accelerometer behind the gyro, taken out if it is believed; None if not determined."""
 
     def log_std(self, gain_std: float) -> float:
         """Return the relative standard deviation of the scale; gain errors ``gain_std`` may be correlated."""
         gain_sensitivity = gain_std * float(np.abs(self.gain_slopes).sum())
-        return float(np.hypot(self.scale_std / self.scale, gain_sensitivity))
+        noise = np.hypot(self.scale_std / self.scale, self.sampling_std)
+        return float(np.hypot(noise, gain_sensitivity))
 
 
 @dataclass(frozen=True)
@@ -107,9 +116,12 @@ def inertial_scale(
     the readings.
 
     ``covariance`` (6, 6), rotation first, right perturbation, is that of the independent error of a pose;
-    only its shape matters, its size is estimated. Returns `NoScale` if path and readings overlap too little,
-    or if the accelerometer does not determine the scale.
+    only its shape matters, its size is estimated. Returns `NoScale` if path and readings overlap too
+    little, if the readings are too slow, or if the accelerometer does not determine the scale.
     """
+    rate_hz = 1 / float(np.median(np.diff(readings.stamps_s)))
+    if rate_hz * _RATE_SLACK < _LEAST_HZ:
+        return NoScale(f"it has {rate_hz:.3g} readings a second, and {_LEAST_HZ:g} are needed")
     apart = np.unique(np.floor((stamps_s - stamps_s[:1]) / MIN_SPACING_S), return_index=True)[1]
     stamps_s, w_T_c = stamps_s[apart], w_T_c[apart]
     segments = find_segments(stamps_s, readings.stamps_s)
@@ -118,7 +130,7 @@ def inertial_scale(
             f"{MIN_SEGMENTS} segments of {SEGMENT_S[0]:g} to {SEGMENT_S[1]:g} s with {MIN_POSES} "
             f"pictures each are needed and {len(segments)} found: fly longer, or with more pictures a second"
         )
-    expected = np.concatenate([np.zeros(4), -b_p_c_m])
+    expected = np.concatenate([np.zeros(4), -b_p_c_m, np.zeros(2)])
     noises = regressor_covariance(covariance)
     path = PathAndReadings(stamps_s, w_T_c, readings, segments, noises, expected)
     start = np.log([_FORCE_NOISE, _POSE_NOISE, _RANDOM_WALK_NOISE])
@@ -128,11 +140,15 @@ def inertial_scale(
     rows = path.rows(taken_out_s)
     if taken_out_s:
         parameters, noise = _fit(rows, noise)
-    return _result(rows, path.gain_sensitivity(taken_out_s), parameters, noise, lag)
+    found = _result(rows, path.gain_sensitivity(taken_out_s), parameters, noise, lag)
+    if isinstance(found, NoScale):
+        return found
+    halved = _total_least_squares(path.at_half_rate().rows(taken_out_s), noise, parameters)[0]
+    return replace(found, sampling_std=float(abs(np.log(max(halved / found.scale, _LEAST_RATIO))) / 3))
 
 
 def _fit(rows: RegressionRows, noise: Array) -> tuple[Array, Array]:
-    """Return parameters (7,) and noise (3,) from initial noise."""
+    """Return parameters (9,) and noise (3,) from initial noise."""
     parameters = _initial_parameters(rows, noise)
     for _ in range(_ROUNDS):
         parameters = _total_least_squares(rows, noise, parameters)
@@ -141,7 +157,7 @@ def _fit(rows: RegressionRows, noise: Array) -> tuple[Array, Array]:
 
 
 def _initial_parameters(rows: RegressionRows, noise: Array) -> Array:
-    """Return initial parameters (7,): scale, offset and arm, the best of many scales."""
+    """Return initial parameters (9,): the best of many scales."""
     tried = [
         rows.fit_at_scale(scale, noise)
         for scale in np.geomspace(1 / _MAX_SCALE_RATIO, _MAX_SCALE_RATIO, 49).tolist()
@@ -150,7 +166,7 @@ def _initial_parameters(rows: RegressionRows, noise: Array) -> Array:
 
 
 def _total_least_squares(rows: RegressionRows, noise: Array, start: Array) -> Array:
-    """Estimate scale, offset and arm by total least squares."""
+    """Estimate scale, offset, arm and slope (9,) by total least squares."""
     from scipy.optimize import least_squares  # a long import, for this alone
 
     residuals, jacobian = partial(rows.whitened, noise=noise), partial(rows.jacobian, noise=noise)
@@ -177,7 +193,7 @@ def _result(
     noise: Array,
     lag: AccelerometerLag | None,
 ) -> InertialScale | NoScale:
-    scale, offset, arm = float(parameters[0]), parameters[1:4], parameters[4:] - rows.expected[4:]
+    scale, offset, arm = float(parameters[0]), parameters[1:4], parameters[4:7] - rows.expected[4:7]
     residuals, w = rows.residuals(parameters), rows.weight(parameters, noise)
     spread = rows.pose_variance(noise)[:, None, None, None] * rows.regressor_noise
     information = np.einsum("rak,ra,ral->kl", rows.regressors, w, rows.regressors, optimize=True) + PRIOR
@@ -189,7 +205,7 @@ def _result(
     score = np.einsum("ra,ra,rak->rk", w, residuals, rows.regressors)
     score += np.einsum("ra,rak->rk", (w * residuals) ** 2, spread @ parameters)
     count = int(rows.segment.max()) + 1
-    by_segment = np.zeros((count, 7))
+    by_segment = np.zeros((count, SIZE))
     np.add.at(by_segment, rows.segment, score)
     inverse = np.linalg.inv(information)
     # Segments may differ by more than the white noise implies: cluster-robust covariance.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend.errors import BackendError
 from backend.measurements import GRAVITY_M_S2, Inertial, InertialNoise
-from backend.preintegration.integrals import covered, integrate
+from backend.preintegration.integrals import covered, dense, integrate
 
 Array = NDArray[np.float64]
 
@@ -94,9 +94,10 @@ def preintegrate(
     known = covered(readings.stamps_s, stamps_s, _LEAST_GAP_S)
     known[list(cut)] = False
     known &= np.diff(np.searchsorted(inertial.invalid_s, stamps_s)) == 0
-    times_s = np.union1d(readings.stamps_s, stamps_s)
     both = np.hstack([readings.accel_m_s2, readings.gyro_rad_s])
-    values = np.column_stack([np.interp(times_s, readings.stamps_s, column) for column in both.T])
+    read_s, read = dense(readings.stamps_s, both, _LEAST_GAP_S)
+    times_s = np.union1d(read_s, stamps_s)
+    values = np.column_stack([np.interp(times_s, read_s, column) for column in read.T])
     integral = integrate(times_s, values)
     at = np.searchsorted(times_s, stamps_s)
     constant = gtsam.imuBias.ConstantBias(bias.accel_m_s2, bias.gyro_rad_s)

@@ -88,7 +88,14 @@ def made(
 def test_parameters_are_recovered_within_their_deviations():
     found = [made(seed).found for seed in range(8)]
     off = np.array(
-        [np.append((np.array(f.arm_m) - ARM_M) / f.arm_std_m, (f.scale - SCALE) / f.scale_std) for f in found]
+        [
+            [
+                *(np.array(f.arm_m) - ARM_M) / f.arm_std_m,
+                *(np.array(f.offset_m_s2) - OFFSET_M_S2) / f.offset_std_m_s2,
+                (f.scale - SCALE) / f.scale_std,
+            ]
+            for f in found
+        ]
     )
     squares = (off**2).sum(axis=0)
     low, high = chi2.ppf([1e-4, 1 - 1e-4], len(found))
@@ -96,8 +103,8 @@ def test_parameters_are_recovered_within_their_deviations():
     assert (squares < high).all()
     assert max(f.scale_std for f in found) < 0.02
     assert max(max(f.arm_std_m) for f in found) < 0.004
-    # Where the vehicle hardly turns, the offset's level axes and tilt errors are one.
-    assert np.abs([np.array(f.offset_m_s2) - OFFSET_M_S2 for f in found]).max() < 0.03
+    # Where the vehicle hardly turns, the offset's level axes, tilt errors and a slope of the floor are one.
+    assert max(max(f.offset_std_m_s2) for f in found) < 0.03
 
 
 @pytest.mark.parametrize("leans", [pytest.param(False, marks=pytest.mark.slow), True])
@@ -205,6 +212,39 @@ def test_the_size_of_the_stated_pose_covariance_does_not_matter():
 def test_an_uninformative_flight_gives_no_scale(flight: Made, why: str):
     assert isinstance(flight.found, NoScale)
     assert why in flight.found.reason
+
+
+@pytest.mark.parametrize("turn", ["x", "y"])
+def test_a_floor_that_slopes_moves_no_length(turn: str):
+    """Its normal is not up: 3 degrees had moved the lengths by several standard deviations."""
+    flight, lean = made(1, lasts_s=25.0), np.eye(4)
+    lean[:3, :3] = Rotation.from_euler(turn, 3.0, degrees=True).as_matrix()
+    leaning = replace(flight, w_T_b=lean @ flight.w_T_b).found
+    assert leaning.scale == pytest.approx(flight.found.scale, rel=3e-3)
+    assert leaning.scale_std == pytest.approx(flight.found.scale_std, rel=0.1)
+
+
+def slow(flight: Made, count: int) -> Made:
+    """The flight with one reading in so many."""
+    r = flight.readings
+    kept = InertialReadings(r.stamps_s[::count], r.gyro_rad_s[::count], r.accel_m_s2[::count])
+    return replace(flight, readings=kept)
+
+
+def test_readings_that_are_too_slow_give_no_scale_and_the_reason():
+    found = slow(made(1, lasts_s=25.0), 20).found
+    assert isinstance(found, NoScale)
+    assert found.reason == "it has 10 readings a second, and 20 are needed"
+
+
+def test_the_deviation_counts_motion_that_the_readings_are_too_slow_for():
+    fast = made(1, lasts_s=25.0)
+    sparse = slow(fast, 10).found
+    assert fast.found.sampling_std < 1e-3 < sparse.sampling_std
+    assert sparse.log_std(0.0) == pytest.approx(
+        np.hypot(sparse.scale_std / sparse.scale, sparse.sampling_std)
+    )
+    assert sparse.scale == pytest.approx(SCALE, rel=3 * sparse.log_std(0.0))
 
 
 def test_readings_from_another_time_give_no_scale():
