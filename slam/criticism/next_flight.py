@@ -25,7 +25,7 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
 from slam.criticism.search.information import fisher_information
-from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood, quadratic_likelihood
+from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.posterior import Posterior
 from slam.criticism.without_commands.likelihood import begin_of, likelihood_of, picture_rows
@@ -75,7 +75,7 @@ def next_flight(model: Model, found: SearchResult, posterior: Posterior, progres
             expansion, chosen = found.first, [effect]
         else:
             other, expansion, chosen = _best_way(found.last, name), found.last, [*found.chosen]
-        step, _ = expansion.quadratic.maximise(chosen).of(expansion.quadratic.index(effect.columns))
+        step, _ = expansion.maximise(chosen).of(effect.columns)
         size = step + [_current_value(expansion, found, column) for column in effect.columns]
         sentence = telling_flight(model, effect, other, size, kinds, seen, progress)
         if sentence and not sentence.startswith(NONE):
@@ -115,7 +115,7 @@ def telling_flight(
             record = replace(record, matches=planned_matches(record, parameters, seen))
         fisher = fisher_information([record], parameters, perturbations, ())
         fisher = replace(fisher, score=np.zeros_like(fisher.score))
-        quadratic = quadratic_likelihood(fisher, parameters, parameters, {}, nuisances=MEAN_NUISANCES)
+        quadratic = QuadraticLikelihood(fisher, parameters, parameters, MEAN_NUISANCES)
         return separation(quadratic, plain, [beside], size)
 
     return _best_motion(first.name, second.name, list(MANOEUVRES), sigma, progress)
@@ -139,10 +139,9 @@ def next_motion(
         # Pictures would cost a path for each motion, and the other comparisons separate errors of
         # instruments.
         seen = None
-    quadratic = found.last.quadratic
-    maximum = quadratic.maximise(found.chosen)
-    size, error = maximum.of(quadratic.index(effect.columns))
-    _, plain = maximum.of(quadratic.index(effect.columns), white=True)
+    maximum = found.last.maximise(found.chosen)
+    size, error = maximum.of(effect.columns)
+    _, plain = maximum.of(effect.columns, white=True)
     wider = float(np.sqrt(np.max(np.diag(error) / np.diag(plain))))
     parameters = with_free_motion(filter_parameters_of(model))
     noise, beside = _noise(rows), [*(e for e in found.chosen if not e.repeats(effect)), other]
@@ -170,7 +169,7 @@ def next_motion(
         if effect.name not in known or known[effect.name].columns != effect.columns:
             return 0.0
         others = [known[e.name] for e in beside if e.name in known]
-        return separation(expansion.quadratic, effect, others, size) / wider / float(np.sqrt(times))
+        return separation(expansion, effect, others, size) / wider / float(np.sqrt(times))
 
     return _best_motion(rivals[0], rivals[1], [*MANOEUVRES, *HANDHELD_MOTIONS], sigma, progress)
 
@@ -200,7 +199,7 @@ def separation(
     quadratic: QuadraticLikelihood, effect: Effect, beside: Sequence[Effect], size: NDArray[np.float64]
 ) -> float:
     """Return the sigmas by which an effect of some ``size`` (columns,) stands out, ``beside`` free."""
-    _, covariance = quadratic.maximise([*beside, effect]).of(quadratic.index(effect.columns), white=True)
+    _, covariance = quadratic.maximise([*beside, effect]).of(effect.columns, white=True)
     return float(np.sqrt(size @ np.linalg.solve(covariance, size)))
 
 
@@ -232,7 +231,7 @@ def _current_value(expansion: LikelihoodExpansion, found: SearchResult, column: 
     """Return the current value of a column; of a nuisance, its difference from the healthy vehicle's own."""
     nuisance = next((n for n in MEAN_NUISANCES if n.name == column), None)
     if nuisance is None:
-        return expansion.quadratic.current.get(column, 0.0)
+        return expansion.current.get(column, 0.0)
     return nuisance.value_in(expansion.parameters) - nuisance.value_in(found.model)
 
 

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from frontend.cores import in_threads
-from slam.core.arrays import Array, Mask
+from slam.core.arrays import Array
 from slam.criticism.finding import ImplausibleSize
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
@@ -25,9 +25,9 @@ from slam.criticism.search.fitted_parameters import (
     NOISE_NUISANCES,
     fitted_parameter,
 )
-from slam.criticism.search.information import FisherInformation, fisher_information
+from slam.criticism.search.information import fisher_information
 from slam.criticism.search.pattern_bank import pattern_directions, residual_patterns, signals_of
-from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood, quadratic_likelihood
+from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood
 from slam.criticism.search.thresholds import Thresholds, parameter_cost
 from slam.simulation.terms import CATALOGUE
 
@@ -67,13 +67,10 @@ class ScoreTest:
         return share * self.nats - self.cost
 
 
-@dataclass(frozen=True)
-class LikelihoodExpansion:
-    """Second-order expansion of the likelihood of the flights about filter parameters."""
+@dataclass(frozen=True, kw_only=True)
+class LikelihoodExpansion(QuadraticLikelihood):
+    """Second-order expansion of the likelihood of the flights, with the effects that are tried."""
 
-    parameters: FilterParameters
-    fisher: FisherInformation
-    quadratic: QuadraticLikelihood
     effects: tuple[Effect, ...]
     """Every effect with columns in the Fisher information, relaxed nuisances included."""
     patterns: tuple[Effect, ...]
@@ -84,30 +81,21 @@ class LikelihoodExpansion:
         same = [candidate for candidate in self.effects if candidate.name == effect.name]
         return next((candidate for candidate in same if candidate.label == effect.label), same[0])
 
-    def fitted(self, effect: Effect, maximum: Maximum) -> tuple[Array, Array]:
-        """Return the sizes of an effect at a maximum, and their covariance."""
-        step, covariance = maximum.of(self.quadratic.index(effect.columns))
-        return step + [self.quadratic.current.get(c, 0.0) for c in effect.columns], covariance
-
-    def over(self, segments: Mask) -> QuadraticLikelihood:
-        """Return the quadratic likelihood of some segments of the flights alone."""
-        return self.quadratic.over(self.fisher.of(segments))
-
     def score_tests(
         self, chosen: Sequence[Effect], among: Sequence[Effect | tuple[Effect, Effect]]
     ) -> list[ScoreTest]:
         """Return score tests of effects, or of pairs, beside the chosen ones, most nats after cost first."""
-        base = self.quadratic.maximise(chosen).nats
+        base = self.maximise(chosen).nats
         found = []
         for tested in among:
             effects = tested if isinstance(tested, tuple) else (tested,)
             if any(e.repeats(c) for e in effects for c in chosen):
                 continue
             judged = sum(len(e.columns) for e in effects)
-            maximum = self.quadratic.maximise([*chosen, *effects], judged=judged)
+            maximum = self.maximise([*chosen, *effects], judged=judged)
             wrong = any(backwards(e, self, maximum) for e in effects)
             nats = 0.0 if wrong else max(maximum.nats - base, 0.0)
-            found.append(ScoreTest(effects[0], nats, self.quadratic.z(effects, maximum, nats), *effects[1:]))
+            found.append(ScoreTest(effects[0], nats, self.z(effects, maximum, nats), *effects[1:]))
         return sorted(found, key=lambda s: s.cost - s.nats)
 
 
@@ -136,9 +124,10 @@ def expand(
     ]
     values = {f.name: size for f in tried if (size := f.size_in(parameters)) != 0.0}
     return LikelihoodExpansion(
-        parameters=parameters,
         fisher=fisher,
-        quadratic=quadratic_likelihood(fisher, parameters, model, values),
+        parameters=parameters,
+        model=model,
+        current=values,
         effects=(*effects, *relaxed_nuisances(model.out_of_model)),
         patterns=(*residual_patterns(patterns), *late),
     )
@@ -170,16 +159,16 @@ def implausible_size(
 ) -> ImplausibleSize | None:
     """Return the term that would explain most beside the chosen effects with a size beyond what is plausible,
     if it stands out by ``least_z``."""
-    base, most, found = expansion.quadratic.maximise(chosen).nats, 0.0, None
+    base, most, found = expansion.maximise(chosen).nats, 0.0, None
     for effect in expansion.effects:
         # Two effects that look alike may be large together, one against the other.
         if not effect.is_term or alike(expansion, effect, chosen):
             continue
-        maximum = expansion.quadratic.maximise([*chosen, effect], judged=len(effect.columns))
+        maximum = expansion.maximise([*chosen, effect], judged=len(effect.columns))
         size, covariance = expansion.fitted(effect, maximum)
         k = implausible_component(effect, expansion.parameters, size, 2.0 * np.sqrt(np.diag(covariance)))
         nats = maximum.nats - base - parameter_cost(len(effect.columns))
-        z = expansion.quadratic.z([effect], maximum, max(nats, 0.0))
+        z = expansion.z([effect], maximum, max(nats, 0.0))
         if k is not None and nats > most and z >= least_z:
             value = effect.in_catalogue_units(k, float(size[k]), expansion.parameters)
             unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
@@ -192,7 +181,7 @@ def implausible_size(
 
 def alike(expansion: LikelihoodExpansion, effect: Effect, chosen: Sequence[Effect]) -> list[Effect]:
     """Return those of some effects that a term repeats, or cannot be told from: alternatives to it."""
-    correlation = expansion.quadratic.correlation
+    correlation = expansion.correlation
     return [e for e in chosen if e.repeats(effect) or correlation(effect, e) > ONE_CLASS]
 
 

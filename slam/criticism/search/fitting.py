@@ -32,8 +32,8 @@ from slam.criticism.search.fitted_parameters import (
     FittedParameter,
     fitted_parameter,
 )
-from slam.criticism.search.information import FisherInformation, fisher_information
-from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood, quadratic_likelihood
+from slam.criticism.search.information import fisher_information
+from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood
 from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, similar_nats
 
 FIRST_S = 60.0
@@ -71,10 +71,9 @@ def fit_nuisances(
     if not model.out_of_model and sum(record.duration_s for record in records) > LONG_S:
         rounds[-1] = list(records)
     for flights in rounds:
-        found, quadratic = _expanded(flights, model, parameters, effects, NUISANCES)
-        maximum = quadratic.maximise(effects)
+        maximum = _expanded(flights, model, parameters, effects, NUISANCES).maximise(effects)
         for column, move in zip(maximum.columns, maximum.step, strict=True):
-            fitted = fitted_parameter(found.columns[column])
+            fitted = fitted_parameter(column)
             if fitted in NOISE_NUISANCES:
                 low, high = fitted.healthy_range(model) if model.out_of_model else (-np.inf, np.inf)
                 at = fitted.value_in(parameters)
@@ -89,12 +88,12 @@ def _expanded(
     parameters: FilterParameters,
     effects: Sequence[Effect],
     nuisances: Sequence[FittedParameter],
-) -> tuple[FisherInformation, QuadraticLikelihood]:
+) -> QuadraticLikelihood:
     """Return the likelihood about ``parameters`` in effects and nuisances, those of the mean included."""
     perturbations = [*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]
     changes = [*(n for n in NOISE_NUISANCES if n in nuisances), *(c for e in effects for c in e.changes)]
     fisher = fisher_information(records, parameters, perturbations, changes)
-    return fisher, quadratic_likelihood(fisher, parameters, model, {}, nuisances=nuisances)
+    return QuadraticLikelihood(fisher, parameters, model, nuisances)
 
 
 def refit(
@@ -108,13 +107,11 @@ def refit(
         parameters = fitted_parameter(effect.columns[0]).stepped(parameters, 1.0)  # the value of its grid
     effects = [e.free for e in effects]
     best: tuple[float, FilterParameters] | None = None
-    share, step, columns = 1.0, np.zeros(0), []
-    trial = parameters
+    share, trial = 1.0, parameters
     for _ in range(ITERATIONS):
-        fisher, quadratic = _expanded(records, model, trial, effects, MEAN_NUISANCES)
-        loose = [e for e in effects if all(c in fisher.columns for c in e.columns)]
-        relaxed = [c for e in loose for c in e.relaxes]
-        nats = float(fisher.log_likelihood.sum()) - quadratic.penalty_at_current(relaxed)
+        about = _expanded(records, model, trial, effects, MEAN_NUISANCES)
+        loose = [e for e in effects if all(c in about.fisher.columns for c in e.columns)]
+        nats = about.nats_at_current(loose)
         if best is not None and nats < best[0]:
             share *= 0.4
             if share < 0.05:
@@ -122,12 +119,11 @@ def refit(
         else:
             gained = np.inf if best is None else nats - best[0]
             best, share = (nats, trial), 1.0
-            maximum = quadratic.maximise(loose)
-            columns, step = [fisher.columns[c] for c in maximum.columns], maximum.step
+            maximum = about.maximise(loose)
             if gained < ENOUGH_NATS:
                 break
         trial = best[1]
-        for column, size in zip(columns, step, strict=True):
+        for column, size in zip(maximum.columns, maximum.step, strict=True):
             fitted = fitted_parameter(column)
             trial = fitted.stepped(trial, share * fitted.bounded(float(size), best[1]))
     assert best is not None

@@ -9,8 +9,9 @@ its healthy range. A stiff penalty acts beyond the range, unless the nuisance is
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -36,8 +37,8 @@ class Maximum:
 
     nats: float
     """Nats above the expansion point, priors included."""
-    columns: Ints
-    """Indices of the free columns: the nuisances, then those of the terms."""
+    columns: tuple[str, ...]
+    """Free columns: the nuisances, then those of the terms."""
     step: Array
     """(free,) step from the expansion point."""
     covariance: Array
@@ -47,10 +48,9 @@ class Maximum:
     white: Array
     """(free, free) covariance of white errors, equal to ``covariance`` where there are no clusters."""
 
-    def of(self, columns: Ints, white: bool = False) -> tuple[Array, Array]:
+    def of(self, columns: Sequence[str], white: bool = False) -> tuple[Array, Array]:
         """Return step and covariance of some of the free columns; the covariance of white errors if asked."""
-        place = {int(c): k for k, c in enumerate(self.columns)}
-        at = [place[int(c)] for c in columns]
+        at = [self.columns.index(column) for column in columns]
         return self.step[at], (self.white if white else self.covariance)[np.ix_(at, at)]
 
 
@@ -58,34 +58,57 @@ class Maximum:
 class QuadraticLikelihood:
     """The log likelihood as a quadratic function about one set of filter parameters."""
 
-    columns: tuple[str, ...]
-    names: tuple[str, ...]
-    """Names of the nuisances' columns."""
-    information: Array
-    score: Array
-    at: Array
-    """(nuisances,) values at the expansion point."""
-    limits: Array
-    """(nuisances, 2) healthy ranges."""
-    precision: Array
-    """(nuisances,) prior precision."""
-    current: dict[str, float]
+    fisher: FisherInformation
+    """Score and information of each segment of the flights."""
+    parameters: FilterParameters
+    """The expansion point."""
+    model: FilterParameters
+    """The healthy vehicle, about which the nuisances have their ranges."""
+    nuisances: Sequence[FittedParameter] = (*NUISANCES, *GAIN_NUISANCES)
+    current: dict[str, float] = field(default_factory=dict)
     """Column -> value at the expansion point."""
-    clusters: FisherInformation | None = None
-    """Segments within which errors may be correlated: covariances are then cluster-robust, and a lead counts
-    as far as segments agree on it. None for white innovations."""
+    clustered: bool = False
+    """Whether errors within a segment may be correlated: covariances are then cluster-robust, and a lead
+    counts as far as segments agree on it."""
+
+    @cached_property
+    def information(self) -> Array:
+        """(columns, columns) of all segments."""
+        return np.asarray(self.fisher.information.sum(axis=0))
+
+    @cached_property
+    def score(self) -> Array:
+        """(columns,) of all segments."""
+        return np.asarray(self.fisher.score.sum(axis=0))
+
+    @cached_property
+    def _priors(self) -> tuple[Array, Array, Array]:
+        """(nuisances,) values at the expansion point and prior precisions, (nuisances, 2) healthy ranges."""
+        limits = np.array([n.healthy_range(self.model) for n in self.nuisances]).reshape(-1, 2)
+        at = np.array([n.value_in(self.parameters) for n in self.nuisances])
+        return at, np.array([n.prior_precision(self.model) for n in self.nuisances]), limits
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Columns of the nuisances."""
+        return tuple(n.name for n in self.nuisances)
 
     @cached_property
     def _place(self) -> dict[str, int]:
-        return {name: k for k, name in enumerate(self.columns)}
+        return {name: k for k, name in enumerate(self.fisher.columns)}
 
     def index(self, names: Sequence[str]) -> Ints:
         """Return the indices of these columns."""
         return np.array([self._place[name] for name in names], dtype=np.int64)
 
-    def _among(self, relaxed: Sequence[str]) -> Mask:
-        """Return (nuisances,) whether each is in a list."""
+    def _relaxed(self, effects: Sequence[Effect]) -> Mask:
+        """Return (nuisances,) whether an effect frees it of its range."""
+        relaxed = [c for e in effects for c in e.relaxes]
         return np.array([name in relaxed for name in self.names], dtype=np.bool_)
+
+    def over(self, segments: Mask) -> Self:
+        """Return the same for some segments of the flights alone."""
+        return replace(self, fisher=self.fisher.of(segments))
 
     def maximise(
         self, effects: Sequence[Effect], reach: dict[str, float] | None = None, judged: int = 0
@@ -95,18 +118,18 @@ class QuadraticLikelihood:
         Columns in ``reach`` have a Gaussian prior about 0 with these standard deviations; all others are
         free. A cluster-robust covariance is that of ``judged`` parameters together, or of all if it is 0.
         """
-        names = [c for e in effects for c in e.columns if c not in self.names]
-        loose = self._among([c for e in effects for c in e.relaxes])
+        names = [*self.names, *(c for e in effects for c in e.columns if c not in self.names)]
+        loose = self._relaxed(effects)
         fixed = np.zeros(len(self.score))
         for column, value in self.current.items():
             if column not in names and column in self._place:
                 fixed[self.index([column])] = -value
-        free = np.concatenate([self.index(self.names), self.index(names)])
+        free = self.index(names)
         a = self.information[np.ix_(free, free)]
         b = (self.score - self.information @ fixed)[free]
         drawn_a, drawn_b = a.copy(), b.copy()
         for column, std in (reach or {}).items():
-            k = len(self.names) + names.index(column)
+            k = names.index(column)
             drawn_a[k, k] += std**-2
             drawn_b[k] -= std**-2 * self.current.get(column, 0.0)
         step, covariance = self._peak(drawn_a, drawn_b, loose)
@@ -115,18 +138,18 @@ class QuadraticLikelihood:
         whole = fixed.copy()
         whole[free] = step
         robust = covariance
-        if self.clusters is not None and len(free):
-            robust = self.clusters.scatter(free, whole, covariance, judged or len(free))
-        return Maximum(nats, free, step, robust, whole, covariance)
+        if self.clustered and len(free):
+            robust = self.fisher.scatter(free, whole, covariance, judged or len(free))
+        return Maximum(nats, tuple(names), step, robust, whole, covariance)
 
     def z(self, effects: Sequence[Effect], maximum: Maximum, nats: float) -> float:
         """Return the normal deviate of effects that explain ``nats`` together; with clusters, of their sizes
         by their robust covariance and the effects' tolerances."""
         columns = [c for e in effects for c in e.columns]
-        if self.clusters is None or nats == 0.0:
+        if not self.clustered or nats == 0.0:
             return deviate(2 * nats, len(columns))
         spread, free = self._spread(effects, maximum)
-        size, _ = maximum.of(self.index(columns))
+        size, _ = maximum.of(columns)
         return robust_deviate(float(size @ np.linalg.solve(spread, size)), len(size), free)
 
     def _spread(self, effects: Sequence[Effect], maximum: Maximum) -> tuple[Array, float]:
@@ -136,16 +159,21 @@ class QuadraticLikelihood:
         greater its share of the variance, the fewer degrees of freedom. By chance segments may scatter too
         little. In flights of a minute two tests of a thousand therefore exceed 4.
         """
-        columns = self.index([c for e in effects for c in e.columns])
+        columns = [c for e in effects for c in e.columns]
         (_, robust), (_, known) = maximum.of(columns), maximum.of(columns, white=True)
         # The differences between segments are what a variance consists of: none means no variance.
-        if self.clusters is None or all(is_variance(d) for e in effects for d in e.perturbations):
+        if not self.clustered or all(is_variance(d) for e in effects for d in e.perturbations):
             robust = known
         spread = robust + np.diag([e.tolerance**2 for e in effects for _ in e.columns])
         share = float(np.max(np.diag(robust - known) / np.diag(spread)))
-        if self.clusters is None or share <= 0.0:
+        if not self.clustered or share <= 0.0:
             return spread, np.inf
-        return spread, max(self.clusters.independent - len(columns), 1.0) / share
+        return spread, max(self.fisher.independent - len(columns), 1.0) / share
+
+    def fitted(self, effect: Effect, maximum: Maximum) -> tuple[Array, Array]:
+        """Return the sizes of an effect at a maximum, and their covariance."""
+        step, covariance = maximum.of(effect.columns)
+        return step + [self.current.get(c, 0.0) for c in effect.columns], covariance
 
     def shown_sizes(self, effect: Effect, z: float) -> Array:
         """Return (columns,) sizes of an effect that nine of ten cases would show by a deviate of ``z``."""
@@ -159,7 +187,7 @@ class QuadraticLikelihood:
         disagree on one of many steps, the others still count in full. An effect in another's place counts for
         what it explains in that place alone: one that explains something else is no rival.
         """
-        if self.clusters is None:
+        if not self.clustered:
             return self.maximise(effects).nats
         union = [*beside, *(e for e in effects if e not in beside)]
         more = self._agreed(union, beside) if all(e in effects for e in beside) else 0.0
@@ -173,15 +201,14 @@ class QuadraticLikelihood:
         counts proportionally less. Otherwise minutes of one lasting error would decide between two effects
         with the same sensitivity.
         """
-        assert self.clusters is not None
         total, left = 0.0, list(union)
         before = self.maximise(left).whole
         for effect in [e for e in reversed(union) if e not in effects]:
             left = [e for e in left if e is not effect]
             after = self.maximise(left).whole
             moved = before - after
-            lead = self.clusters.nats_at(before) - self.clusters.nats_at(after)
-            expected = 0.5 * (self.clusters.information @ moved) @ moved
+            lead = self.fisher.nats_at(before) - self.fisher.nats_at(after)
+            expected = 0.5 * (self.fisher.information @ moved) @ moved
             scatter, whole = float(np.sum((lead - expected) ** 2)), float(np.sum(lead))
             total += whole * min(1.0, 2.0 * abs(whole) / max(scatter, 1e-12))
             before = after
@@ -189,9 +216,9 @@ class QuadraticLikelihood:
 
     def correlation(self, one: Effect, other: Effect, beside: Sequence[Effect] = ()) -> float:
         """Return the greatest correlation of the sensitivities of two effects, all else projected out."""
-        columns, k = self.index([*one.columns, *other.columns]), len(one.columns)
+        k, maximum = len(one.columns), self.maximise([*beside, one, other])
         # The correlation of the uncertainties is the same, except for its sign.
-        _, covariance = self.maximise([*beside, one, other]).of(columns, white=True)
+        _, covariance = maximum.of([*one.columns, *other.columns], white=True)
         covariance = covariance + np.diag(RIDGE * np.diag(covariance) + 1e-300)
         root = [np.linalg.cholesky(c) for c in (covariance[:k, :k], covariance[k:, k:])]
         between = np.linalg.solve(root[0], np.linalg.solve(root[1], covariance[:k, k:].T).T)
@@ -203,15 +230,10 @@ class QuadraticLikelihood:
         step = self.maximise(effects).whole[self.index(columns)]
         return {c: float(x) + self.current.get(c, 0.0) for c, x in zip(columns, step, strict=True)}
 
-    def over(self, fisher: FisherInformation) -> QuadraticLikelihood:
-        """Return the same for the information and score of other segments."""
-        information, score = fisher.information.sum(axis=0), fisher.score.sum(axis=0)
-        clusters = None if self.clusters is None else fisher
-        return replace(self, information=information, score=score, clusters=clusters)
-
-    def penalty_at_current(self, relaxed: Sequence[str] = ()) -> float:
-        """Return the prior's penalty in nats at the expansion point, to be subtracted there."""
-        return self._penalty(np.zeros(len(self.names)), self._among(relaxed))
+    def nats_at_current(self, effects: Sequence[Effect]) -> float:
+        """Return the log likelihood at the expansion point, less the prior's penalty beside some effects."""
+        penalty = self._penalty(np.zeros(len(self.names)), self._relaxed(effects))
+        return float(self.fisher.log_likelihood.sum()) - penalty
 
     def nats_at(self, step: Array) -> float:
         """Return the log likelihood, without priors, at a step of all columns."""
@@ -222,7 +244,7 @@ class QuadraticLikelihood:
 
         It is a Gaussian integral over the free columns about the step of ``other``, with its covariance.
         """
-        free = other.columns
+        free = self.index(other.columns)
         a = self.information[np.ix_(free, free)]
         pull = (self.score - self.information @ other.whole)[free]
         left, value = np.linalg.eigh(0.5 * (other.covariance + other.covariance.T))
@@ -235,56 +257,35 @@ class QuadraticLikelihood:
     def _peak(self, a: Array, b: Array, loose: Mask) -> tuple[Array, Array]:
         """Return the step to the most probable values and their covariance, by an active-set method."""
         count = len(self.names)
-        half = (self.limits[:, 1] - self.limits[:, 0]) / 2
-        precision = np.where(loose, 1e-4, 1.0) * self.precision
+        at, precision, limits = self._priors
+        centre, half = limits.mean(axis=1), (limits[:, 1] - limits[:, 0]) / 2
+        precision = np.where(loose, 1e-4, 1.0) * precision
         edge = 1.0 / (EDGE * half) ** 2
         # A nuisance that the flights do not show at all keeps its value.
         drawn = precision * (np.diag(a)[:count] > SEEN)
         side = np.zeros(count)
         for _ in range(6):
             full, right = a.copy(), b.copy()
-            bound = self.limits.mean(axis=1) + side * half
+            bound = centre + side * half
             pull = np.where(side != 0, edge, 0.0)
             full[np.arange(count), np.arange(count)] += precision + pull
-            right[:count] += drawn * (self.limits.mean(axis=1) - self.at) + pull * (bound - self.at)
+            right[:count] += drawn * (centre - at) + pull * (bound - at)
             diagonal = np.diag(full)
             scale = 1.0 / np.sqrt(np.where(diagonal > SEEN, diagonal, 1.0))
             scaled = full * scale[:, None] * scale + RIDGE * np.eye(len(b))
             covariance = np.linalg.inv(scaled) * scale[:, None] * scale
             step = covariance @ right
-            x = self.at + step[:count]
-            out = np.where(loose, 0.0, 1.0 * (x > self.limits[:, 1]) - 1.0 * (x < self.limits[:, 0]))
+            x = at + step[:count]
+            out = np.where(loose, 0.0, 1.0 * (x > limits[:, 1]) - 1.0 * (x < limits[:, 0]))
             if (out == side).all():
                 break
             side = out
         return step, covariance
 
     def _penalty(self, step: Array, loose: Mask) -> float:
-        x = self.at + step[: len(self.names)]
-        half = (self.limits[:, 1] - self.limits[:, 0]) / 2
-        away = x - self.limits.mean(axis=1)
+        at, precision, limits = self._priors
+        half = (limits[:, 1] - limits[:, 0]) / 2
+        away = at + step[: len(at)] - limits.mean(axis=1)
         beyond = np.where(loose, 0.0, np.maximum(np.abs(away) - half, 0.0) / (EDGE * half))
-        precision = np.where(loose, 1e-4, 1.0) * self.precision
+        precision = np.where(loose, 1e-4, 1.0) * precision
         return 0.5 * float(np.sum(precision * away**2) + np.sum(beyond**2))
-
-
-def quadratic_likelihood(
-    fisher: FisherInformation,
-    parameters: FilterParameters,
-    model: FilterParameters,
-    current: dict[str, float],
-    nuisances: Sequence[FittedParameter] = (*NUISANCES, *GAIN_NUISANCES),
-    clustered: bool = False,
-) -> QuadraticLikelihood:
-    """Return the quadratic likelihood of the flights, with errors correlated in segments if ``clustered``."""
-    return QuadraticLikelihood(
-        columns=fisher.columns,
-        names=tuple(n.name for n in nuisances),
-        information=fisher.information.sum(axis=0),
-        score=fisher.score.sum(axis=0),
-        at=np.array([n.value_in(parameters) for n in nuisances]),
-        limits=np.array([n.healthy_range(model) for n in nuisances]).reshape(-1, 2),
-        precision=np.array([n.prior_precision(model) for n in nuisances]),
-        current=current,
-        clusters=fisher if clustered else None,
-    )

@@ -170,11 +170,10 @@ class CommandedFlights(Evidence):
 def _fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, Interval]:
     """Return this vehicle's own constants with their 95 % intervals."""
     expansion = found.last
-    maximum = expansion.quadratic.maximise(found.chosen)
-    step, covariance = maximum.of(expansion.quadratic.index(expansion.quadratic.names))
+    step, covariance = expansion.maximise(found.chosen).of(expansion.names)
     values: dict[str, Interval] = {}
     for k, nuisance in enumerate(NUISANCES):
-        x, std = expansion.quadratic.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
+        x, std = nuisance.value_in(expansion.parameters) + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
         if best is not None and best.std.get(nuisance.name):  # 0 if no flight of the fit shows the constant
             x, std = nuisance.value_in(best.parameters), 1.96 * best.std[nuisance.name]
         ends = x - std, x, x + std

@@ -166,9 +166,8 @@ def fitted_sizes(
 
     The intervals include chance, widened by the scatter of simulated singles, and the equation's own misfit.
     """
-    size, covariance = expansion.fitted(effect, expansion.quadratic.maximise(chosen, judged=1))
-    clusters = expansion.quadratic.clusters
-    wide = WIDE * SCATTER if clusters is None else clusters.half_interval
+    size, covariance = expansion.fitted(effect, expansion.maximise(chosen, judged=1))
+    wide = expansion.fisher.half_interval if expansion.clustered else WIDE * SCATTER
     found = {}
     for k, name in enumerate(effect.parameters):
         half = wide * float(np.hypot(np.sqrt(covariance[k, k]), effect.tolerance))
@@ -230,5 +229,5 @@ def left_over(effect: Effect, found: SearchResult) -> Finding:
         return OutOfRange(channel=effect.relaxes[0])
     if effect.name not in LATE:
         return ResidualPattern.of(effect.name)
-    size, _ = found.last.fitted(effect, found.last.quadratic.maximise(found.chosen))
+    size, _ = found.last.fitted(effect, found.last.maximise(found.chosen))
     return LateReadings(float(size[0]), channel=STREAMS[LATE[effect.name][0]])

@@ -83,7 +83,7 @@ def _prediction(
     """Return the log likelihood of the segments ``own`` above the expansion's parameters, averaged over the
     uncertainty of a fit on ``others``, and the most probable parameters by these."""
     # The prior of a size has the standard deviation of the evidence's, no less than the size found.
-    maximum = expansion.quadratic.maximise(effects)
+    maximum = expansion.maximise(effects)
     reach: dict[str, float] = {}
     for effect in effects:
         size, covariance = expansion.fitted(effect, maximum)
@@ -147,4 +147,4 @@ def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Eff
 
 def fitted_parameters(found: SearchResult, effects: Sequence[Effect]) -> FilterParameters:
     """Return the most probable parameters with some effects at the last expansion."""
-    return with_step(found.last, found.last.quadratic.maximise(effects).whole, effects)
+    return with_step(found.last, found.last.maximise(effects).whole, effects)

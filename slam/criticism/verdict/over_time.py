@@ -146,15 +146,15 @@ def onset(found: SearchResult, parts: Parts) -> Onset | None:
 
 def _changes(found: SearchResult, parts: Parts, effect: Effect, k: int) -> list[Onset]:
     """Return the likeliest change of an effect's column k in each flight, beside the chosen effects."""
-    quadratic, fisher, column = found.last.quadratic, parts.fisher, effect.columns[k]
+    last, fisher, column = found.last, parts.fisher, effect.columns[k]
     parameter, onsets = CATALOGUE[effect.name].parameter(effect.parameters[k]), []
     effects = [*(e for e in found.chosen if not e.repeats(effect)), effect]
-    step = quadratic.maximise(effects).whole
-    rest = quadratic.index([c for e in effects for c in e.columns if c != column])
+    step = last.maximise(effects).whole
+    rest = last.index([c for e in effects for c in e.columns if c != column])
     # What is left of the column once the others are projected out.
     along = np.zeros(len(step))
-    along[quadratic.index([column])] = 1.0
-    information = quadratic.information
+    along[last.index([column])] = 1.0
+    information = last.information
     along[rest] = -np.linalg.lstsq(information[np.ix_(rest, rest)], information[rest] @ along, rcond=1e-12)[0]
     score = fisher.left_at(step) @ along
     known = (fisher.information @ along) @ along

@@ -158,7 +158,7 @@ def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Plac
     def repeats_term(e: Effect) -> bool:
         """Whether it is a residual pattern that these flights cannot separate from the term."""
         is_pattern = term.is_term and not (e.is_term or e.relaxes)
-        return is_pattern and expansion.quadratic.correlation(term, e, rest) > SAME_TRACE
+        return is_pattern and expansion.correlation(term, e, rest) > SAME_TRACE
 
     among = [
         e for e in (*expansion.effects, *expansion.patterns)
@@ -173,7 +173,7 @@ def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Plac
         if effect.is_term and effect.name not in {c.name for c in chosen}:
             best.setdefault(effect.name, (lead, effect))
     close = [n for n, (lead, _) in best.items() if lead < CLASS_NATS]
-    one_class = {n for n in close if expansion.quadratic.correlation(term, best[n][1], rest) > ONE_CLASS}
+    one_class = {n for n in close if expansion.correlation(term, best[n][1], rest) > ONE_CLASS}
     for effect, lead in tried:
         counted = lead * VERY_SIMILAR_NATS / CLASS_NATS if effect.name in one_class and lead > 0.0 else lead
         weights.append((own - counted, _names([*rest, effect])))
@@ -194,10 +194,10 @@ def doubtful_components(found: SearchResult) -> list[NameInDoubt]:
     Over a hover a constant error of the vertical acceleration is a scale as well, whatever is known of the
     other two components.
     """
-    quadratic, doubts = found.last.quadratic, []
+    last, doubts = found.last, []
     names = {e.name for e in found.chosen}
-    others = [e for e in found.last.effects if e.is_term and len(e.columns) == 1 and e.name not in names]
-    own = quadratic.maximise(found.chosen).nats
+    others = [e for e in last.effects if e.is_term and len(e.columns) == 1 and e.name not in names]
+    own = last.maximise(found.chosen).nats
     for effect in (e for e in found.chosen if e.is_term and len(e.columns) == len(e.perturbations) > 1):
         parts = [
             replace(effect, perturbations=(moved,), parameters=(name,))
@@ -205,14 +205,14 @@ def doubtful_components(found: SearchResult) -> list[NameInDoubt]:
         ]
         for one in parts:
             beside = [e for e in (*found.chosen, *parts) if e is not effect and e is not one]
-            explained = own - quadratic.maximise(beside).nats
+            explained = own - last.maximise(beside).nats
             if explained <= CLASS_NATS:
                 continue
             least = explained - max(VERY_SIMILAR_NATS, LAGS * explained)
             doubts += [
                 NameInDoubt((test.effect.name,), effect=effect.name, parameter=one.parameters[0])
-                for test in found.last.score_tests(beside, others)
-                if test.nats > max(least, 0.0) and quadratic.correlation(one, test.effect, beside) > ONE_CLASS
+                for test in last.score_tests(beside, others)
+                if test.nats > max(least, 0.0) and last.correlation(one, test.effect, beside) > ONE_CLASS
             ]
     return doubts
 
@@ -266,7 +266,7 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, ...
 
 def _evidence(expansion: LikelihoodExpansion, effects: Sequence[Effect], chosen: Sequence[Effect]) -> float:
     """Return a set's log likelihood, with its prior and cost, as compared with the ``chosen`` set."""
-    return expansion.quadratic.nats(effects, chosen) + _prior(expansion)(effects)
+    return expansion.nats(effects, chosen) + _prior(expansion)(effects)
 
 
 def _beside(
@@ -274,13 +274,12 @@ def _beside(
 ) -> list[tuple[Effect, float]]:
     """Return the evidence of a set with each of some more effects, compared with the ``chosen`` set. An
     effect that gains nothing, or has the wrong sign, only costs."""
-    quadratic, prior = expansion.quadratic, _prior(expansion)
-    base = quadratic.nats(rest, chosen)
+    prior, base = _prior(expansion), expansion.nats(rest, chosen)
 
     def nats(test: ScoreTest) -> float:
-        if quadratic.clusters is None or test.nats == 0.0:
+        if not expansion.clustered or test.nats == 0.0:
             return base + test.nats
-        return quadratic.nats([*rest, test.effect], chosen)
+        return expansion.nats([*rest, test.effect], chosen)
 
     return [(s.effect, nats(s) + prior([*rest, s.effect])) for s in expansion.score_tests(rest, among)]
 

@@ -26,7 +26,7 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
     for effect in expansion.effects:
         if not effect.is_term or effect.is_profiled:
             continue
-        sizes = expansion.quadratic.shown_sizes(effect, threshold)
+        sizes = expansion.shown_sizes(effect, threshold)
         # The component of a vector that shows least decides.
         k = int(np.argmax(sizes))
         size = float(sizes[k])
@@ -37,7 +37,7 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
             kept = found.get(effect.name)
             found[effect.name] = (min(value, kept[0]) if kept else value), parameter.unit
     tried = [e for e in expansion.effects if e.is_saturation and e.is_profiled]
-    variances = [expansion.fitted(e, expansion.quadratic.maximise([e]))[1][0, 0] for e in tried]
+    variances = [expansion.fitted(e, expansion.maximise([e]))[1][0, 0] for e in tried]
     each = zip(tried, variances, strict=True)
     stands_out = [e for e, variance in each if variance**-0.5 > threshold + NINE_OF_TEN]
     shown = [(float(e.columns[0].partition(AT)[2]), e.name) for e in stands_out]
@@ -48,17 +48,18 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
 def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], ...]:
     """Return pairs of terms whose sensitivities, nuisances projected out, correlate beyond ``CONFUSED``."""
     # Without a score every nuisance stays in its range, so that its prior alone holds it.
-    quadratic = replace(expansion.quadratic, score=np.zeros_like(expansion.quadratic.score))
+    fisher = replace(expansion.fisher, score=np.zeros_like(expansion.fisher.score))
+    expansion = replace(expansion, fisher=fisher)
     seen: dict[str, Effect] = {}
     for effect in expansion.effects:
         if not effect.is_term or effect.is_profiled or effect.relaxes or effect.name in seen:
             continue
-        columns = quadratic.index(effect.columns)
-        _, covariance = quadratic.maximise([effect]).of(columns, white=True)
-        information, left = np.diag(quadratic.information)[columns], np.diag(np.linalg.inv(covariance))
+        _, covariance = expansion.maximise([effect]).of(effect.columns, white=True)
+        information = np.diag(expansion.information)[expansion.index(effect.columns)]
+        left = np.diag(np.linalg.inv(covariance))
         if ((information > SEEN) & (left > LEAST_SHARE * information)).all():
             seen[effect.name] = effect
-    pairs = [(a, b, quadratic.correlation(seen[a], seen[b])) for a, b in combinations(sorted(seen), 2)]
+    pairs = [(a, b, expansion.correlation(seen[a], seen[b])) for a, b in combinations(sorted(seen), 2)]
     return most_alike_first(p for p in pairs if p[2] > CONFUSED)
 
 

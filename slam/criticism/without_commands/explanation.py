@@ -99,7 +99,7 @@ class ComparedFlights(Evidence):
     def _varying(self) -> list[SizeOverTime]:
         """Sizes of the chosen terms that vary between segments by half of themselves."""
         found, chosen, fisher = self.found.last, self.found.chosen, self.found.last.fisher
-        parts, step = self._in_parts(fisher, SEGMENT_S), found.quadratic.maximise(chosen).whole
+        parts, step = self._in_parts(fisher, SEGMENT_S), found.maximise(chosen).whole
         each = (parts.sizes_over_time(e, step, found.parameters) for e in chosen if e.is_term)
         return [series for of_effect in each for series in of_effect if series.varies]
 
@@ -170,7 +170,7 @@ class ComparedFlights(Evidence):
             return tuple(self._varying)
         effect = next(e for e in found.last.effects if begun.column in e.columns)
         beside = [*(e for e in found.chosen if not e.repeats(effect)), effect]
-        step = found.last.quadratic.maximise(beside).whole
+        step = found.last.maximise(beside).whole
         finer = self._parts.sizes_over_time(effect, step, found.last.parameters)
         others = [s for s in self._varying if (s.effect, s.parameter) != (begun.effect, begun.parameter)]
         return (*others, *(s for s in finer if s.parameter == begun.parameter))
@@ -184,7 +184,7 @@ class ComparedFlights(Evidence):
         lines = ["a constant offset of speed or height", *self._axes[1]]
         lines += [e.name for e in last.effects if e.is_term and e.name not in shown]
         for effect in (e for e in last.effects if e.name in LATE):
-            late_s = float(last.quadratic.shown_sizes(effect, LIMITS.effects)[0])
+            late_s = float(last.shown_sizes(effect, LIMITS.effects)[0])
             lines.append(f"{effect.name} by less than {1e3 * late_s:.0f} ms")
         times_s = np.concatenate([r.times_s for flight in self.rows for r in flight])
         if float(np.ptp(times_s)) < FEWEST_PARTS * PART_S:
@@ -205,7 +205,7 @@ def explain_comparisons(
         return None
     found = search_linear(likelihood_of(rows, sensors.parameters))
     for _ in range(ROUNDS if sensors.matches is not None and found.chosen else 0):
-        rows = sensors.rows(found.last.quadratic.sizes(found.chosen))
+        rows = sensors.rows(found.last.sizes(found.chosen))
         found = search_linear(likelihood_of(rows, sensors.parameters))
     return ComparedFlights(
         found=found, posterior=posterior_of(found), limits=LIMITS, anomalies=sensors.anomalies,
@@ -236,7 +236,7 @@ def _significant(found: SearchResult) -> SearchResult:
 
     def worth(kept: SearchResult) -> float:
         cost = sum(map(required_nats, kept.chosen))
-        return found.last.quadratic.nats(kept.chosen, found.chosen) - cost
+        return found.last.nats(kept.chosen, found.chosen) - cost
 
     every = (s for count in range(len(found.chosen) + 1) for s in combinations(found.chosen, count))
     kept = sorted((replace(found, chosen=s) for s in every), key=worth, reverse=True)
@@ -298,7 +298,7 @@ def covariate_in_comparisons(rows: FlightRows, found: SearchResult, lead: Cause)
     kind = np.concatenate([np.full(len(r.off), r.kind) for flight in rows for r in flight])
     pooled = {}
     for name, effects in models.items():
-        sizes = found.last.quadratic.sizes(effects)
+        sizes = found.last.sizes(effects)
         left = off - table_of(rows, list(sizes)) @ np.array(list(sizes.values()))
         pooled[name] = {(k, "sigma"): left[kind == k] for k in np.unique(kind).tolist()}
     return covariate_of(pooled, cause, rival)

@@ -24,7 +24,6 @@ from slam.criticism.search.effects import LATE, Effect, is_variance
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import fitted_parameter, with_steps
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
-from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
 from slam.data_quality.finding import Remark
@@ -119,9 +118,11 @@ def likelihood_of(rows: FlightRows, parameters: FilterParameters) -> SearchResul
     fisher = replace(fisher_of(rows, columns), shifted=shifted)
     effects = _effects(columns)
     expansion = LikelihoodExpansion(
-        parameters=parameters,
         fisher=fisher,
-        quadratic=quadratic_likelihood(fisher, parameters, parameters, {}, (), clustered=True),
+        parameters=parameters,
+        model=parameters,
+        nuisances=(),
+        clustered=True,
         effects=effects,
         patterns=tuple(_growing(e) for e in effects if e.is_term),
     )

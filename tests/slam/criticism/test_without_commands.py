@@ -145,7 +145,7 @@ def test_a_late_speed_is_told_with_its_delay_however_long_it_is(late_s):
 
     expansion = expansion_of([inertial_residuals(late(flight)) for flight in flights()])
     found = next(s for s in expansion.score_tests([], expansion.effects) if s.effect.name == "velocity late")
-    size = expansion.quadratic.sizes([found.effect])["velocity.delay_s"]
+    size = expansion.sizes([found.effect])["velocity.delay_s"]
     print(f"late by {late_s} s: found {size:.3f} s, z {found.z:.1f}")
     assert abs(size - late_s) < 0.03
     assert found.z > 5.0
@@ -305,7 +305,7 @@ def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about
     # About a size that the parameters do hold, what is off is the same, whatever has been taken out.
     near = expansion_of(found.rows({"focal_length.eps": 0.01}))
     whole = [e for e in plain.effects if e.name in ("focal_length", "sonar_scale", "camera_tilt")]
-    first, second = plain.quadratic.sizes(whole), near.quadratic.sizes(whole)
+    first, second = plain.sizes(whole), near.sizes(whole)
     assert abs(second["focal_length.eps"] - first["focal_length.eps"]) < 0.002
 
 

@@ -55,12 +55,13 @@ def effects_of(expansion, names):
 def carrying(expansion, names, deviations):
     """The look at flights without noise in which terms have sizes, in standard deviations with all free."""
     terms = effects_of(expansion, names)
-    columns = expansion.quadratic.index([c for e in terms for c in e.columns])
-    _, covariance = expansion.quadratic.maximise(terms).of(columns)
-    step = np.zeros(len(expansion.quadratic.score))
-    step[columns] = deviations * np.sqrt(np.diag(covariance))
-    score = expansion.quadratic.information @ step
-    return replace(expansion, quadratic=replace(expansion.quadratic, score=score)), covariance
+    columns = [c for e in terms for c in e.columns]
+    _, covariance = expansion.maximise(terms).of(columns)
+    step = np.zeros(len(expansion.score))
+    step[expansion.index(columns)] = deviations * np.sqrt(np.diag(covariance))
+    score = np.zeros_like(expansion.fisher.score)
+    score[0] = expansion.information @ step
+    return replace(expansion, fisher=replace(expansion.fisher, score=score)), covariance
 
 
 def names_of(two):

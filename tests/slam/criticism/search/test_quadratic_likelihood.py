@@ -7,21 +7,22 @@ import pytest
 
 from slam.criticism.kalman.kernel_inputs import Perturbation
 from slam.criticism.search.effects import Effect
+from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.quadratic_likelihood import NINE_OF_TEN, Maximum, QuadraticLikelihood
 
 
 def test_predicted_is_the_average_over_the_answers_uncertainty():
     rng = np.random.default_rng(4)
     root = rng.standard_normal((3, 5))
-    none = np.zeros(0)
-    score = rng.standard_normal(3)
-    quadratic = QuadraticLikelihood(
-        ("a", "b", "c"), (), root @ root.T, score, none, np.zeros((0, 2)), none, {}
+    one = np.zeros(1, dtype=int)
+    fisher = FisherInformation(
+        ("a", "b", "c"), one, (root @ root.T)[None], rng.standard_normal((1, 3)), np.zeros(1)
     )
+    quadratic = QuadraticLikelihood(fisher, None, None, ())
     half = 0.3 * rng.standard_normal((2, 2))
     free, whole = np.array([0, 2]), np.array([0.2, 0.0, -0.1])
     covariance = half @ half.T
-    other = Maximum(0.0, free, whole[free], covariance, whole, covariance)
+    other = Maximum(0.0, ("a", "c"), whole[free], covariance, whole, covariance)
     drawn = rng.standard_normal((200_000, 2)) @ half.T
     steps = np.tile(whole, (len(drawn), 1))
     steps[:, free] += drawn
@@ -31,9 +32,8 @@ def test_predicted_is_the_average_over_the_answers_uncertainty():
 
 def test_without_segments_a_shown_size_is_the_threshold_in_standard_errors():
     direction = Perturbation("gyro_bias.x", "sensor", 0)
-    none = np.zeros(0)
-    quadratic = QuadraticLikelihood(
-        ("gyro_bias.x",), (), np.array([[4.0]]), np.zeros(1), none, np.zeros((0, 2)), none, {}
-    )
+    one = np.zeros(1, dtype=int)
+    fisher = FisherInformation(("gyro_bias.x",), one, np.array([[[4.0]]]), np.zeros((1, 1)), np.zeros(1))
+    quadratic = QuadraticLikelihood(fisher, None, None, ())
     sizes = quadratic.shown_sizes(Effect("gyro_bias", (direction,)), 3.7)
     assert sizes == pytest.approx([(3.7 + NINE_OF_TEN) * 0.5])

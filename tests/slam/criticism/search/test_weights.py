@@ -18,7 +18,7 @@ from slam.criticism.search.fitted_parameters import (
 )
 from slam.criticism.search.information import fisher_information
 from slam.criticism.search.pattern_bank import pattern_directions, signals_of
-from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
+from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -60,7 +60,7 @@ def test_a_wrong_gain_is_a_target_that_goes_with_tilt(seen):
 
 def test_gain_corrections_are_free_and_no_parameters(seen):
     fisher, parameters = seen
-    quadratic = quadratic_likelihood(fisher, parameters, parameters, {})
+    quadratic = QuadraticLikelihood(fisher, parameters, parameters)
     maximum = quadratic.maximise([])
     assert set(map(gain_column, GAIN_CORRECTED)) <= set(quadratic.names)
     assert maximum.step[quadratic.names.index(TILT)] != 0.0

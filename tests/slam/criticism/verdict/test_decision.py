@@ -220,12 +220,10 @@ def searched(nats, chosen, covariance=None, **more):
         score_tests=standing,
         own=lambda effect: effect,
         fisher=SimpleNamespace(log_likelihood=np.zeros(1)),
-        quadratic=SimpleNamespace(
-            maximise=maximise,
-            nats=lambda effects, _: maximise(effects).nats,
-            clusters=None,
-            correlation=lambda one, other, beside: float(covariance[0, 1]),
-        ),
+        maximise=maximise,
+        nats=lambda effects, _: maximise(effects).nats,
+        clustered=False,
+        correlation=lambda one, other, beside: float(covariance[0, 1]),
     )
     return SearchResult(model=None, first=expansion, last=expansion, chosen=chosen, **more)
 

@@ -80,8 +80,6 @@ def test_an_attitude_that_comes_late_is_no_command_that_does():
     assert [e.name for e in found.chosen] == ["attitude late"]
     assert posterior.probability[SOMETHING_ELSE] > 0.99
     expansion = found.last
-    step, covariance = expansion.quadratic.maximise(found.chosen).of(
-        expansion.quadratic.index(found.chosen[0].columns)
-    )
-    held_s = expansion.quadratic.current.get("attitude.delay_s", 0.0)
+    step, covariance = expansion.maximise(found.chosen).of(found.chosen[0].columns)
+    held_s = expansion.current.get("attitude.delay_s", 0.0)
     assert step[0] + held_s == pytest.approx(LATE_S, abs=4.0 * float(np.sqrt(covariance[0, 0])) + 2e-4)

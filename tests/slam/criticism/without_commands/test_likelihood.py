@@ -39,8 +39,8 @@ def test_sizes_and_nats_are_those_of_least_squares_over_all_rows():
     found = comparison(columns, off)
     table = np.column_stack(list(columns.values()))
     size, rest, *_ = np.linalg.lstsq(table, off)
-    maximum = found.last.quadratic.maximise(found.last.effects)
-    np.testing.assert_allclose(list(found.last.quadratic.sizes(found.last.effects).values()), size, rtol=1e-6)
+    maximum = found.last.maximise(found.last.effects)
+    np.testing.assert_allclose(list(found.last.sizes(found.last.effects).values()), size, rtol=1e-6)
     assert maximum.nats == pytest.approx(0.5 * (off @ off - rest[0]))
     np.testing.assert_allclose(maximum.white, np.linalg.inv(table.T @ table), atol=1e-6)
     assert found.last.fisher.log_likelihood.sum() == pytest.approx(-0.5 * off @ off)
@@ -53,7 +53,7 @@ def test_the_error_that_grows_with_time_is_a_pattern_of_its_own():
     found = comparison(columns, 3.0 * columns[NAMES[0]] * minutes)
     (growing,) = found.last.patterns
     assert growing.name == "gyro_bias" + IN_TIME
-    assert found.last.quadratic.sizes([growing]) == pytest.approx({NAMES[0] + IN_TIME: 3.0})
+    assert found.last.sizes([growing]) == pytest.approx({NAMES[0] + IN_TIME: 3.0})
 
 
 @pytest.mark.slow
@@ -66,8 +66,8 @@ def test_an_interval_covers_its_size_however_many_others_are_fitted(beside):
     for _ in range(DRAWS):
         off = columns[NAMES[0]] * lasting(rng)[:, 0] + rng.standard_normal(SEGMENTS * ROWS)
         last = comparison(columns, off).last
-        maximum = last.quadratic.maximise(last.effects, judged=1)
-        half = last.quadratic.clusters.half_interval
+        maximum = last.maximise(last.effects, judged=1)
+        half = last.fisher.half_interval
         inside += abs(maximum.step[0]) < half * np.sqrt(maximum.covariance[0, 0])
     print(f"{beside} others fitted: {inside / DRAWS:.3f} of the intervals hold the size")
     assert 0.93 < inside / DRAWS < 0.97
@@ -101,7 +101,7 @@ def test_parameters_that_are_judged_together_count_as_many_segments_less():
     columns = drawn(rng, [f"gyro_bias.{axis}" for axis in "xyz"])
     off = np.sum(10.0 * lasting(rng, 3) * np.column_stack(list(columns.values())), axis=1)
     last = comparison(columns, off).last
-    alone, together = (last.quadratic.maximise(last.effects, judged=k).covariance for k in (1, 3))
+    alone, together = (last.maximise(last.effects, judged=k).covariance for k in (1, 3))
     segments = last.fisher.independent
     assert SEGMENTS < segments < 1.5 * SEGMENTS
     np.testing.assert_allclose(np.diag(together) / np.diag(alone), (segments - 1.0) / (segments - 3.0))
@@ -113,7 +113,7 @@ def test_an_effect_in_anothers_place_counts_for_what_it_explains_there():
     columns = drawn(rng, NAMES[:2])
     found = comparison(columns, columns[NAMES[0]] + columns[NAMES[1]])
     gyro, accel = found.last.effects
-    quadratic = found.last.quadratic
+    quadratic = found.last
     both, one = (quadratic.maximise(e).nats for e in ([gyro, accel], [gyro]))
     assert quadratic.nats([accel], [gyro]) < 0.2 * one
     assert quadratic.nats([accel], []) > 0.5 * quadratic.maximise([accel]).nats
@@ -126,5 +126,5 @@ def test_a_lead_that_one_segment_has_alone_counts_little():
     even = comparison(columns, columns[NAMES[0]])
     once = np.repeat(np.arange(SEGMENTS) == 3, ROWS) * SEGMENTS * columns[NAMES[0]]
     lone = comparison(columns, once)
-    agreed, alone = (f.last.quadratic.nats(f.last.effects, []) for f in (even, lone))
+    agreed, alone = (f.last.nats(f.last.effects, []) for f in (even, lone))
     assert alone < 0.5 * agreed
