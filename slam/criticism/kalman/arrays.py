@@ -77,15 +77,6 @@ class PerturbationArrays(NamedTuple):
     """(m,) factor from a finite difference to the derivative per unit of the perturbation."""
 
 
-class KalmanInputs(NamedTuple):
-    """A flight, and the model under which it is filtered."""
-
-    events: EventArrays
-    command: CommandArrays
-    model: ModelArrays
-    perturbations: PerturbationArrays
-
-
 class KalmanState(NamedTuple):
     """The estimate that the filter updates from event to event."""
 
@@ -275,9 +266,12 @@ class PathHistory(NamedTuple):
 
 
 class FilterRun(NamedTuple):
-    """A run of the filter: its inputs, what it updates in place, and its results."""
+    """A run of the filter: a flight, the model, what the run updates in place, and its results."""
 
-    given: KalmanInputs
+    events: EventArrays
+    command: CommandArrays
+    model: ModelArrays
+    perturbations: PerturbationArrays
     estimate: KalmanState
     step: StepBuffers
     expected: PredictedReading

@@ -24,23 +24,154 @@ from slam.criticism.kalman.noise import (
     sample,
     spread_by_stamp,
 )
-from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOMENT, MOVING, RANGE_LAG, SONAR, WIDTH
-from slam.criticism.kalman.sensitivity import carry, correct_sensitivity, direct_change, force
-from slam.criticism.kalman.steps import (
-    correct,
-    innovation_of,
-    innovation_variance,
-    is_outlier,
-    judged,
-    measurement,
-    predict,
+from slam.criticism.kalman.readings import (
+    ATTITUDE,
+    BEFORE,
+    BEHIND,
+    FIRST_CHANNEL,
+    IMU,
+    MOMENT,
+    MOVING,
+    RANGE_LAG,
+    RATES_READ,
+    SONAR,
+    STATES_READ,
+    WIDTH,
+    reading,
 )
-from slam.criticism.kalman.transition import jacobian, split_state
-from slam.simulation.dynamics import PITCH, ROLL, Z, derivative
+from slam.criticism.kalman.sensitivity import (
+    carry,
+    correct_covariance,
+    correct_sensitivity,
+    direct_change,
+    force,
+    innovation_variance,
+)
+from slam.criticism.kalman.transition import (
+    POLE,
+    covariance_step,
+    jacobian,
+    mean_step,
+    process_noise,
+    split_state,
+    transition,
+)
+from slam.simulation.dynamics import GEAR, PITCH, ROLL, UP, VX, VZ, Z, derivative, noise_share
 
 USED, OUTLIER, IGNORED = 1, 2, 0
 Z_STD = MOVING
 """Column of the recorded states that holds the standard deviation of z; it follows the moving state."""
+GATE = 6.0
+"""An innovation beyond so many standard deviations is an outlier and does not update the state."""
+STREAK = 2
+"""Number of successive outliers of a channel after which readings are used again: the model is wrong then."""
+CONTACT_M = 0.03
+CONTACT_NOISE = 0.3
+"""Process noise of the velocity while the gear settles, m/s/sqrt(s): its bounce differs between vehicles."""
+STANDS_M_S = 0.05
+"""Greatest vertical speed of a vehicle that stands on the floor, in m/s."""
+SONAR_MARGIN = 4.0
+"""Ranges predicted within so many standard deviations of the limits are ignored: half of them are missing."""
+_NUDGE = 1e-6
+
+
+@inner_kernel
+def predict(s: int, filtered: FilterRun) -> None:
+    """Predict state and covariance over step ``s``, and write the step's matrices into ``filtered.step``."""
+    command, model, step, scratch = filtered.command, filtered.model, filtered.step, filtered.scratch
+    state, p, h = filtered.estimate.state, filtered.estimate.p, filtered.events.step_s[s]
+    stick, jump, late_s = command.over_steps[0, s], command.stick_jumps[s], math.sqrt(command.late_var_s2)
+    jacobian(state, stick, model.parameters, step.rate, step.slopes, scratch)
+    transition(step.slopes, model.hold, h, step.matrix)
+    process_noise(model.hold, step.matrix, step.q)
+    mean_step(h, state, stick, model, step, scratch)
+    covariance_step(h, p, step.slopes, step.matrix, step.q, step.work)
+    step.late_stick_noise[:], step.contact_variance[:] = 0.0, 0.0
+    if late_s > 0.0 and jump[:5].any():
+        # A jump of the stick that is t late shifts the state by t times the jump of its rate.
+        full, other, moved, late = scratch.full, scratch.nudged_rate, scratch.stick, step.late_stick_noise
+        for i in range(len(stick)):
+            moved[i] = stick[i] + jump[i]
+        split_state(state, full, scratch.noise)
+        derivative(full, stick, step.middle_noise, model.parameters, step.rate)
+        derivative(full, moved, step.middle_noise, model.parameters, other)
+        for i in range(MOVING):
+            late[i] = late_s * (other[i] - step.rate[i])
+        for i in range(MOVING):
+            for j in range(MOVING):
+                p[i, j] += late[i] * late[j]
+    # The gear may be hitting the floor: not while standing, or while commanded to climb.
+    sinks = stick[UP] <= 0.0 and abs(state[VZ]) >= STANDS_M_S
+    if sinks and state[Z] - model.parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[Z, Z]):
+        for i in range(VX, VZ + 1):
+            step.contact_variance[i] = CONTACT_NOISE**2 * h
+            p[i, i] += step.contact_variance[i]
+
+
+@inner_kernel
+def measurement(event: int, filtered: FilterRun) -> None:
+    """Predict the reading of an event and its Jacobians in the rate and in the state, the latter with the
+    path through the rate."""
+    events, model, expected, scratch = filtered.events, filtered.model, filtered.expected, filtered.scratch
+    kind, elapsed, state = events.kinds[event], events.elapsed[event], filtered.estimate.state
+    sensor, parameters, pole_s = model.sensor, model.parameters, model.hold[POLE]
+    rate, predicted, rows, by_rate = expected.rate, expected.reading, expected.rows, expected.by_rate
+    reading(kind, state, rate, sensor, parameters, pole_s, elapsed, predicted)
+    beside, nudged, moved = scratch.reading, scratch.nudged, scratch.rate
+    for i in range(len(state)):
+        nudged[i] = state[i]
+    for i in range(len(rate)):
+        moved[i] = rate[i]
+    width = WIDTH[kind]
+    rows[:], by_rate[:] = 0.0, 0.0
+    for j in RATES_READ[kind]:
+        if j < 0:
+            break
+        moved[j] += _NUDGE
+        reading(kind, state, moved, sensor, parameters, pole_s, elapsed, beside)
+        moved[j] = rate[j]
+        for c in range(width):
+            x = (beside[c] - predicted[c]) / _NUDGE
+            by_rate[c, j] = x
+            if x != 0.0:
+                for i in range(state.shape[0]):
+                    rows[c, i] += x * filtered.step.slopes[j, i]
+    for j in STATES_READ[kind]:
+        if j < 0:
+            break
+        nudged[j] += _NUDGE
+        reading(kind, nudged, rate, sensor, parameters, pole_s, elapsed, beside)
+        nudged[j] = state[j]
+        for c in range(width):
+            rows[c, j] += (beside[c] - predicted[c]) / _NUDGE
+    if kind == IMU:
+        # The IMU reads the acceleration of the noise like any other.
+        fast = noise_share(state[Z], parameters) / pole_s
+        for c in range(3, 6):
+            for i in range(3):
+                rows[c, BEFORE + i] += fast * by_rate[c, VX + i]
+                rows[c, BEHIND + i] -= fast * by_rate[c, VX + i]
+
+
+@inner_kernel
+def judged(event: int, c: int, filtered: FilterRun) -> bool:
+    """Return whether channel c of an event is used.
+
+    It is not if it is missing, may be spoilt by a jump of the stick, or is a range near the sonar's limits.
+    During a landing only ranges are used: the floor levels and holds the vehicle. A small error of the
+    contact time would otherwise outweigh the rest of the flight.
+    """
+    events, model = filtered.events, filtered.model
+    kind = events.kinds[event]
+    channel = FIRST_CHANNEL[kind] + c
+    spoilt = (events.landing[event] and kind != SONAR) or channel < filtered.command.spoilt_channels[event]
+    if spoilt or math.isnan(events.values[event, c]):
+        return False
+    if kind == SONAR:
+        margin = SONAR_MARGIN * math.sqrt(model.variance[channel])
+        least, greatest = model.range_limits_m[0] + margin, model.range_limits_m[1] - margin
+        return bool(least <= filtered.expected.reading[c] <= greatest)
+    return True
 
 
 @inner_kernel
@@ -62,18 +193,26 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 
 @inner_kernel
 def update(event: int, filtered: FilterRun) -> None:
-    """Update the estimate with the channels of one event, one after the other."""
-    given, estimate, _, expected, changes, _, written, coloured, others, _ = filtered
-    events, model = given.events, given.model
+    """Update the estimate with the channels of one event, one scalar after the other.
+
+    Each is compared with its prediction as the earlier ones have corrected it.
+    """
+    events, model, estimate, expected = filtered.events, filtered.model, filtered.estimate, filtered.expected
+    changes, written, coloured, others = (
+        filtered.changes,
+        filtered.written,
+        filtered.coloured,
+        filtered.others,
+    )
     kind, ph, change = events.kinds[event], expected.ph, changes.predicted_change
-    expected.correction[:] = 0.0
-    changed = others.p.shape[0] > 0
+    state, correction, streak = estimate.state, expected.correction, estimate.outlier_streak
+    correction[:] = 0.0
     for k in range(others.p.shape[0]):
         sample(noise_of(k, others), event, kind)
     sample(coloured, event, kind)
     for c in range(WIDTH[kind]):
         written.status[event, c] = IGNORED
-        if not judged(event, c, given, expected):
+        if not judged(event, c, filtered):
             continue
         channel, value, row = FIRST_CHANNEL[kind] + c, events.values[event, c], expected.rows[c]
         own_var, slot = model.variance[channel], coloured.slot[channel]
@@ -83,12 +222,18 @@ def update(event: int, filtered: FilterRun) -> None:
         own_var += spread_by_stamp(row, expected.rate, model.jitter_s, model.diffusion)
         s_var = own_var + innovation_variance(estimate.p, row, ph)
         s_var += covariance_with_reading(coloured, slot, row, ph)
-        miss, std = innovation_of(kind, c, value, expected), math.sqrt(s_var)
+        miss, std = value - expected.reading[c], math.sqrt(s_var)
+        for i in range(len(state)):
+            miss -= row[i] * correction[i]
+        if kind == ATTITUDE and c == 2:  # headings are wrapped
+            miss -= 2.0 * math.pi * math.floor(miss / (2.0 * math.pi) + 0.5)
         written.innovation[event, c] = miss / std
         written.log_variance[event, c] = math.log(s_var)
-        if is_outlier(miss, std, channel, estimate.outlier_streak):
+        if abs(miss) > GATE * std and streak[channel] < STREAK:
+            streak[channel] += 1.0
             written.status[event, c] = OUTLIER
             continue
+        streak[channel] = 0.0
         written.status[event, c] = USED
         if estimate.sensitivity.shape[1] > 0:
             if slot != WHITE:
@@ -97,11 +242,15 @@ def update(event: int, filtered: FilterRun) -> None:
             correct_sensitivity(row, changes.direct[c], ph, s_var, estimate.sensitivity, change)
             for d in range(change.shape[0]):
                 written.sensitivity[written.rows[0], d] = change[d] / std
-        if changed:
+        if others.p.shape[0] > 0:
             correct_changes(event, c, miss, s_var, filtered)
         written.rows[0] += 1
         correct_noise(coloured, ph, s_var, miss, change)
-        correct(miss, s_var, estimate, expected)
+        for i in range(len(state)):
+            step = ph[i] / s_var * miss
+            correction[i] += step
+            state[i] += step
+        correct_covariance(ph, s_var, estimate.p)
 
 
 @inner_kernel
@@ -118,19 +267,18 @@ def _keep(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
 @inner_kernel
 def _take_reading(e: int, filtered: FilterRun) -> None:
     """Predict the reading of an event, and update the estimate with it."""
-    given, estimate, step, expected, _, scratch, written, _, _, _ = filtered
-    events, model, state = given.events, given.model, estimate.state
-    kind, stick = events.kinds[e], given.command.at_events[0, e]
+    events, model, step, rate = filtered.events, filtered.model, filtered.step, filtered.expected.rate
+    kind, stick, state = events.kinds[e], filtered.command.at_events[0, e], filtered.estimate.state
     if kind == IMU or events.first_step[e] == events.first_step[e + 1]:
         # Only rates of tilt and speed jump with the stick; other readings use the last Jacobian.
-        jacobian(state, stick, model.parameters, expected.rate, step.slopes, scratch)
+        jacobian(state, stick, model.parameters, rate, step.slopes, filtered.scratch)
     else:
         split_state(state, step.middle, step.middle_noise)
-        derivative(step.middle, stick, step.middle_noise, model.parameters, expected.rate)
+        derivative(step.middle, stick, step.middle_noise, model.parameters, rate)
     if kind == SONAR and model.sensor[RANGE_LAG] > 0.0:
-        _turn_within_lag(e, events.times_s, written.states, model.sensor[RANGE_LAG], expected.rate)
+        _turn_within_lag(e, events.times_s, filtered.written.states, model.sensor[RANGE_LAG], rate)
     measurement(e, filtered)
-    if estimate.sensitivity.shape[1] > 0:
+    if filtered.estimate.sensitivity.shape[1] > 0:
         direct_change(e, filtered)
     update(e, filtered)
 
@@ -138,8 +286,8 @@ def _take_reading(e: int, filtered: FilterRun) -> None:
 @kernel
 def run(begin: int, end: int, filtered: FilterRun) -> None:
     """Filter the events ``begin`` to ``end``; rows of sensitivities start at 0."""
-    given, estimate, step, _, changes, _, written, coloured, others, history = filtered
-    events = given.events
+    events, estimate, step, written = filtered.events, filtered.estimate, filtered.step, filtered.written
+    coloured, others, history = filtered.coloured, filtered.others, filtered.history
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
     traced, changed = sensitivity.shape[1] > 0, others.p.shape[0] > 0
     kept = history.x_before.shape[0] > 0
@@ -157,7 +305,7 @@ def run(begin: int, end: int, filtered: FilterRun) -> None:
             if kept:
                 carry(step.matrix, history.moves[e], step.work)
             if traced:
-                carry(step.matrix, sensitivity, changes.work)
+                carry(step.matrix, sensitivity, filtered.changes.work)
                 force(s, filtered)
         for i in range(MOVING):
             written.states[e, i] = state[i]

@@ -14,12 +14,11 @@ from itertools import pairwise
 import numpy as np
 
 from slam.core.arrays import Array, Ints, Mask
-from slam.criticism.kalman.filter import IGNORED, USED, Z_STD, run
+from slam.criticism.kalman.filter import GATE, IGNORED, USED, Z_STD, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.kernel_inputs import Perturbation, Signal, filter_run, observable_noise
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL, place_of
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.steps import GATE
 from slam.simulation.dynamics import GEAR, UP, Z
 
 CONTACT_S = 0.3
@@ -128,7 +127,7 @@ class Run:
 
     def segments(self, longest_s: float) -> Iterator[Innovations]:
         """Yield the innovations of one segment after the other. Call it once for each run."""
-        events, changes = self._filtered.given.events, len(self._filtered.others.p)
+        events, changes = self._filtered.events, len(self._filtered.others.p)
         pieces = max(int(np.ceil((events.times_s[-1] - events.times_s[0]) / longest_s)), 1)
         for begin, end in pairwise(segment_bounds(len(events.times_s), pieces).tolist()):
             readings = int(np.isfinite(events.values[begin:end]).sum())

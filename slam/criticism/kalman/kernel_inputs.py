@@ -113,22 +113,19 @@ class LikelihoodScore:
         return replace(self, information=information, score=self.score @ columns)
 
 
-def filter_inputs(
-    record: Record,
-    parameters: FilterParameters,
-    perturbations: Sequence[Perturbation],
+def _perturbed(
+    record: Record, parameters: FilterParameters, perturbations: Sequence[Perturbation],
     signals: dict[str, Signal],
-    states: int,
-) -> arrays.KalmanInputs:
-    """Return the kernels' inputs, with the commands of all variants that the perturbations have."""
-    (first_step, _, step_s), m = record.steps, len(perturbations)
+) -> tuple[PerturbationArrays, CommandArrays]:  # fmt: skip
+    """Return the perturbations, and the commands of all variants that they have."""
+    steps, m = len(record.steps[2]), len(perturbations)
     variants: list[tuple[float, float]] = [(parameters.latency_s, parameters.drift)]
     names = sorted({d.signal for d in perturbations if d.signal})
     table = PerturbationArrays(
         np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64),
         np.tile(parameters.dynamics, (m, 1)), np.tile(parameters.sensor, (m, 1)),
         np.full(m, -1, dtype=np.int64), np.zeros(m, dtype=np.int64),
-        np.array([signals[name][0] for name in names]).reshape(len(names), len(step_s)),
+        np.array([signals[name][0] for name in names]).reshape(len(names), steps),
         np.array([signals[name][1] for name in names]).reshape(len(names), len(record.times_s)),
         np.array([1.0 / (d.step if d.unit is None else d.unit) for d in perturbations]),
     )  # fmt: skip
@@ -149,15 +146,7 @@ def filter_inputs(
             table.signal_of[k] = names.index(d.signal)
             table.inject_at[k] = d.entry if d.kind == "force" else ON_CHANNEL + d.entry
             table.changes_motion[k] = int(d.kind == "force")
-    events = arrays.EventArrays(
-        record.times_s, record.kinds, record.values, record.elapsed, record.landing, first_step, step_s
-    )
-    variance = (record.noise_std * parameters.noise_factor) ** 2
-    model = arrays.ModelArrays(
-        parameters.dynamics, parameters.sensor, parameters.hold, variance, record.range_limits,
-        parameters.jitter_s, diffusion(parameters.hold, states),
-    )  # fmt: skip
-    return arrays.KalmanInputs(events, _command(record, parameters, variants), model, table)
+    return table, _command(record, parameters, variants)
 
 
 def _command(
@@ -286,7 +275,17 @@ def filter_run(
     Its outputs for readings with sensitivities are still empty.
     """
     parameters, *changed = noises
+    first_step, _, step_s = record.steps
+    read = arrays.EventArrays(
+        record.times_s, record.kinds, record.values, record.elapsed, record.landing, first_step, step_s
+    )
+    table, command = _perturbed(record, parameters, perturbations, signals)
     n = STATES_WITH_GUSTS if any(p.hold[GUST_STD] > 0 for p in noises) else STATES
+    model = arrays.ModelArrays(
+        parameters.dynamics, parameters.sensor, parameters.hold,
+        (record.noise_std * parameters.noise_factor) ** 2, record.range_limits, parameters.jitter_s,
+        diffusion(parameters.hold, n),
+    )  # fmt: skip
     m, events = len(perturbations), len(record.times_s)
     coloured = ar1_noise_for(record, parameters, n, m, changed)
     none, missing = np.empty((0, 0)), np.full((2, events, 6), np.nan)
@@ -298,7 +297,7 @@ def filter_run(
     x, p, t = (kept, n), (kept, n, n), (kept, n, m)
     history = arrays.PathHistory(*_zeros(x, x, p, p, t, t, p))
     return arrays.FilterRun(
-        filter_inputs(record, parameters, perturbations, signals, n), initial_state(record, parameters, n, m),
+        read, command, model, table, initial_state(record, parameters, n, m),
         *workspace_for(n, m), outputs, coloured, noise_changes_for(record, parameters, changed, coloured),
         history._replace(moves=np.tile(np.eye(n), (kept, 1, 1))),
     )  # fmt: skip

@@ -22,8 +22,7 @@ from slam.criticism.kalman.arrays import Ar1Noise, FilterRun, NoiseChangeArrays,
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, MOVING, TARGET, WIDTH
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.sensitivity import carry
-from slam.criticism.kalman.steps import correct_covariance, innovation_variance
+from slam.criticism.kalman.sensitivity import carry, correct_covariance, innovation_variance
 from slam.criticism.kalman.transition import covariance_step, process_noise, transition
 
 WHITE = -1
@@ -191,7 +190,7 @@ def correct_changes(event: int, column: int, miss: float, s_var: float, filtered
     expected, changes = filtered.expected, filtered.others
     written, noise = filtered.written, filtered.coloured
     row, rate, ph = expected.rows[column], expected.rate, expected.ph
-    channel = FIRST_CHANNEL[filtered.given.events.kinds[event]] + column
+    channel = FIRST_CHANNEL[filtered.events.kinds[event]] + column
     shift, own_ph, at, slot = changes.shift, changes.ph, written.rows[0], noise.slot[channel]
     for c in range(changes.p.shape[0]):
         own, p = noise_of(c, changes), changes.p[c]

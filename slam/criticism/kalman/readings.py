@@ -84,6 +84,17 @@ SENSOR = (
 _OWNERS = [entry.partition(".")[0] for entry in SENSOR]
 READ_BY = tuple(STREAMS.index(CATALOGUE[own].stream if own in CATALOGUE else own) for own in _OWNERS)
 """Kind of the events that read each entry."""
+_NONE = -1
+RATES_READ = (
+    (VX, VY, VZ, ROLL, PITCH, YAW), (ROLL, PITCH, YAW, _NONE, _NONE, _NONE), (X, Y, VX, VY, ROLL, PITCH),
+    (X, Y, Z, VZ, ROLL, PITCH),
+)  # fmt: skip
+"""For each kind of event, entries of the state's rate that its reading may depend on, ..."""
+STATES_READ = (
+    (ROLL, PITCH, YAW, _NONE, _NONE, _NONE), (ROLL, PITCH, YAW, _NONE, _NONE, _NONE),
+    (Z, YAW, _NONE, _NONE, _NONE, _NONE), (X, Y, Z, ROLL, PITCH, YAW),
+)  # fmt: skip
+"""... and of the state itself, the noise's acceleration aside."""
 
 
 def reading_terms(stream: str) -> Callable[..., None]:

@@ -45,8 +45,8 @@ def _inject(entry: int, size: float, yaw: float, noise: Array, command: Array) -
 @inner_kernel
 def _rate_change(state: Array, noise: Array, command: Array, rate: Array, filtered: FilterRun) -> None:
     """Write the rate to ``rate`` (12,), and its change by a unit at each used entry to ``rate_change``."""
-    perturbations, changes, scratch = filtered.given.perturbations, filtered.changes, filtered.scratch
-    parameters = filtered.given.model.parameters
+    perturbations, changes, scratch = filtered.perturbations, filtered.changes, filtered.scratch
+    parameters = filtered.model.parameters
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
     other, forced, moved = scratch.nudged_rate, scratch.forced, scratch.stick
@@ -81,10 +81,9 @@ def _change_over_step(h: float, slopes: Array, change: Array, moved: Array) -> N
 @inner_kernel
 def force(s: int, filtered: FilterRun) -> None:
     """Add the direct effects of the perturbations within step ``s`` to the sensitivities."""
-    given, estimate, step, _, changes, scratch, _, _, _, _ = filtered
-    sensitivity = estimate.sensitivity
-    command, model, perturbations = given.command, given.model, given.perturbations
-    h = given.events.step_s[s]
+    command, model, perturbations = filtered.command, filtered.model, filtered.perturbations
+    step, changes, scratch = filtered.step, filtered.changes, filtered.scratch
+    sensitivity, h = filtered.estimate.sensitivity, filtered.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
     added, change, rate, other = changes.step_change, scratch.change, scratch.rate, scratch.other
     _rate_change(middle, noise, command.over_steps[0, s], rate, filtered)
@@ -124,9 +123,9 @@ def _read_by_imu(by_rate: Array, change: Array, read: Array) -> None:
 @inner_kernel
 def direct_change(event: int, filtered: FilterRun) -> None:
     """Write the direct change of a reading by each perturbation to ``changes.direct``."""
-    given, estimate, _, expected, changes, scratch, _, _, _, _ = filtered
-    state = estimate.state
-    events, command, model, perturbations = given.events, given.command, given.model, given.perturbations
+    events, command, model = filtered.events, filtered.command, filtered.model
+    perturbations, expected, changes = filtered.perturbations, filtered.expected, filtered.changes
+    state, scratch = filtered.estimate.state, filtered.scratch
     kind, rate, pole_s = events.kinds[event], expected.rate, model.hold[POLE]
     direct, full, noise, other = changes.direct, scratch.full, scratch.noise, scratch.other
     out, change = scratch.reading, scratch.change
@@ -203,3 +202,29 @@ def correct_sensitivity(
         x = ph[i] / s_var
         for d in range(len(change)):
             sensitivity[i, d] -= x * change[d]
+
+
+@inner_kernel
+def innovation_variance(p: Array, row: Array, ph: Array) -> float:
+    """Write P h' into ``ph`` (n,) for a ``row`` h (n,) and return h P h'."""
+    n = row.shape[0]
+    for i in range(n):
+        ph[i] = 0.0
+    for k in range(n):
+        x = row[k]
+        if x != 0.0:
+            for i in range(n):
+                ph[i] += p[k, i] * x
+    total = 0.0
+    for i in range(n):
+        total += row[i] * ph[i]
+    return total
+
+
+@inner_kernel
+def correct_covariance(ph: Array, s_var: float, p: Array) -> None:
+    """Update the covariance (n, n) by a reading of variance ``s_var``, whose covariances are ``ph`` (n,)."""
+    for i in range(len(ph)):
+        x = ph[i] / s_var
+        for k in range(len(ph)):
+            p[i, k] -= x * ph[k]

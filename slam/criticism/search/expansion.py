@@ -18,7 +18,15 @@ from slam.criticism.finding import ImplausibleSize
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.effects import Effect, delayed_readings, effects_for, relaxed_nuisances
+from slam.criticism.search.effects import (
+    Effect,
+    delayed_readings,
+    effects_for,
+    pattern_directions,
+    relaxed_nuisances,
+    residual_patterns,
+    signals_of,
+)
 from slam.criticism.search.fitted_parameters import (
     GAIN_CORRECTED,
     MEAN_PERTURBATIONS,
@@ -26,7 +34,6 @@ from slam.criticism.search.fitted_parameters import (
     fitted_parameter,
 )
 from slam.criticism.search.information import fisher_information
-from slam.criticism.search.pattern_bank import pattern_directions, residual_patterns, signals_of
 from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood
 from slam.criticism.search.thresholds import Thresholds, parameter_cost
 from slam.simulation.terms import CATALOGUE

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from slam.core.flight import Command, Flight, Sonar
+from slam.criticism.kalman.filter import GATE
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.steps import GATE
 
 
 def starting(ranges):

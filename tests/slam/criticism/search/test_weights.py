@@ -8,6 +8,7 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
+from slam.criticism.search.effects import pattern_directions, signals_of
 from slam.criticism.search.fitted_parameters import (
     GAIN_CORRECTED,
     MEAN_NUISANCES,
@@ -17,7 +18,6 @@ from slam.criticism.search.fitted_parameters import (
     gain_column,
 )
 from slam.criticism.search.information import fisher_information
-from slam.criticism.search.pattern_bank import pattern_directions, signals_of
 from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for

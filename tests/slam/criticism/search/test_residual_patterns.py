@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam.criticism.kalman.record import record_of
-from slam.criticism.search.pattern_bank import (
+from slam.criticism.search.effects import (
     LEVEL_SIGNALS,
     LEVEL_TARGETS,
     YAW_AT_PLACE,
