@@ -14,8 +14,8 @@ from slam.criticism.kalman.filter_parameters import (
     NOISE_FIGURES,
     SQUARES,
     FilterParameters,
-    figure_of,
     filter_parameters_of,
+    noise_figures_of,
     slot,
     with_figures,
 )
@@ -65,7 +65,7 @@ def _noise(model: Model, parameters: FilterParameters, records: Sequence[Record]
     The model's own figure stands where no flight has the instrument, and for an out-of-model vehicle: there
     the parameters state the trust in readings, not their scatter.
     """
-    own = [figure_of(model, name) for name in NOISE_FIGURES]
+    own = noise_figures_of(model)
     if parameters.out_of_model:
         return own
     for k, channels in enumerate(INSTRUMENT_CHANNELS):

@@ -17,10 +17,10 @@ from slam.criticism.camera.reprojection import without_mismatched_pairs
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import referred
 from slam.criticism.prepare import usable_records
-from slam.criticism.search.expansion import expand, ranked_pairs
+from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.without_commands.likelihood import likelihood_of
-from slam.criticism.without_commands.sensor_comparison import compare_sensors
+from slam.criticism.without_commands.sensor_comparison import SensorComparison
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.healthy.flights import at_lower_rates, healthy_case
 from slam.simulation.model import load_model
@@ -39,7 +39,7 @@ def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, 
     expansion = expand(records, nominal, fit_nuisances(records, nominal))
     terms = max(expansion.score_tests([], expansion.effects), key=lambda s: s.z)
     patterns = max(expansion.score_tests([], expansion.patterns), key=lambda s: s.z)
-    pair = max(ranked_pairs(expansion, []), key=lambda p: p.z)
+    pair = max(expansion.ranked_pairs([]), key=lambda p: p.z)
     both = " and ".join(e.label for e in pair.effects)
     return terms.z, terms.effect.label, patterns.z, patterns.effect.name, pair.z, both
 
@@ -49,7 +49,7 @@ def greatest_without_commands(seed: int, camera: CameraModel | None = None) -> t
     other."""
     model = load_model("nominal")
     flights = healthy_case(model, seed, student=seed % 3 == 0, camera=camera)
-    found = compare_sensors(flights, model)
+    found = SensorComparison.of(flights, model)
     expansion = likelihood_of(found.rows({}), found.parameters).last
     most = max(expansion.score_tests([], expansion.effects), key=lambda s: s.z)
     return most.z, most.effect.name

@@ -13,15 +13,7 @@ from slam.criticism.camera.camera_path import CameraPath
 from slam.criticism.kalman.filter_parameters import BLUR, GAIN, GAMMA, VIGNETTING
 from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation
 from slam.data_quality.pictures.feature_matches import FeatureMatches
-from slam.data_quality.pictures.tones import (
-    CONTRAST,
-    FIGURES,
-    SHADING,
-    SHADING_MAP,
-    SHARPNESS,
-    Tones,
-    tones_of,
-)
+from slam.data_quality.pictures.tones import CONTRAST, SHADING, SHADING_MAP, SHARPNESS, Tones, tones_of
 
 Entry = tuple[str, int]
 """Kind and entry of a perturbation."""
@@ -76,7 +68,7 @@ def photometric_score(
     def between(x: Array) -> Array:
         return np.asarray(x[tones.i] - x[tones.j])
 
-    for figure in range(FIGURES):
+    for figure in range(tones.figures.shape[1]):
         patterns: dict[Entry, Array] = {}
         predicted, slow = np.zeros(len(tones.i)), np.column_stack([between(elapsed), between(elapsed**2)])
         nearer = -tones.zoom if figure in (CONTRAST, SHARPNESS) else between(height)

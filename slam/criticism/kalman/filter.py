@@ -17,8 +17,10 @@ from slam.criticism.kalman.arrays import FilterRun, KalmanState
 from slam.criticism.kalman.noise import (
     WHITE,
     correct_changes,
+    correct_covariance,
     correct_noise,
     covariance_with_reading,
+    innovation_variance,
     noise_of,
     predict_changes,
     sample,
@@ -39,14 +41,7 @@ from slam.criticism.kalman.readings import (
     WIDTH,
     reading,
 )
-from slam.criticism.kalman.sensitivity import (
-    carry,
-    correct_covariance,
-    correct_sensitivity,
-    direct_change,
-    force,
-    innovation_variance,
-)
+from slam.criticism.kalman.sensitivity import carry, correct_sensitivity, direct_change, force
 from slam.criticism.kalman.transition import (
     POLE,
     covariance_step,

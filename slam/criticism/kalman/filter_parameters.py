@@ -79,6 +79,11 @@ def figure_of(model: Model, name: str) -> float:
     return float(np.radians(value)) if "_deg" in name else value
 
 
+def noise_figures_of(model: Model) -> list[float]:
+    """Return a model's ``NOISE_FIGURES`` in SI units."""
+    return [figure_of(model, name) for name in NOISE_FIGURES]
+
+
 def with_figures(model: Model, names: Sequence[str], values: Iterable[float]) -> Model:
     """Return a model with other numbers, as ``figure_of`` returns them."""
     for name, value in zip(names, values, strict=True):

@@ -18,17 +18,7 @@ from slam.criticism.kalman import arrays
 from slam.criticism.kalman.arrays import Ar1Noise, CommandArrays, PerturbationArrays
 from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters
 from slam.criticism.kalman.noise import WHITE, ar1_noise_for
-from slam.criticism.kalman.readings import (
-    CHANNELS,
-    IMU,
-    INSTRUMENT_OF,
-    MOVING,
-    READ_BY,
-    STATES,
-    STATES_WITH_GUSTS,
-    TARGET,
-    WIDTH,
-)
+from slam.criticism.kalman.readings import CHANNELS, GUSTS, INSTRUMENT_OF, MOVING, READ_BY, STATES, TARGET
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ENTRIES, ON_CHANNEL, STICKS
 from slam.criticism.kalman.transition import (
@@ -56,7 +46,7 @@ FORCES = (*NOISE, "up", "ahead", "left")
 """Entries of a force: the equations' noises, the climb stick, and wind in the vehicle's own axes."""
 JUMP_S = 0.002
 """Time resolution of a stick's jump in the log; the gyro jumps with the stick."""
-GYRO_CHANNELS = 3
+GYRO_CHANNELS, IMU_CHANNELS = 3, 6
 LATE_SHARE = 3.0 * LATE_SPREAD
 JITTER_REACH, LARGE_JUMP = 3.0, 0.03
 """Standard deviations of a stamp, and the least jump of a stick that matters at that distance."""
@@ -169,7 +159,7 @@ def spoilt_channels(record: Record, parameters: FilterParameters) -> Ints:
     near_jump = _apart(record.times_s, at[size > 0]) < JUMP_S + LATE_SHARE * parameters.latency_s
     spoilt = np.where(near_jump, GYRO_CHANNELS, 0)
     # With jittering stamps the smaller jump of the climb is uncertain as well.
-    spoilt[_apart(record.times_s, at[size > LARGE_JUMP]) < JITTER_REACH * parameters.jitter_s] = WIDTH[IMU]
+    spoilt[_apart(record.times_s, at[size > LARGE_JUMP]) < JITTER_REACH * parameters.jitter_s] = IMU_CHANNELS
     return np.asarray(spoilt, dtype=np.int64)
 
 
@@ -280,7 +270,7 @@ def filter_run(
         record.times_s, record.kinds, record.values, record.elapsed, record.landing, first_step, step_s
     )
     table, command = _perturbed(record, parameters, perturbations, signals)
-    n = STATES_WITH_GUSTS if any(p.hold[GUST_STD] > 0 for p in noises) else STATES
+    n = STATES + GUSTS * any(p.hold[GUST_STD] > 0 for p in noises)
     model = arrays.ModelArrays(
         parameters.dynamics, parameters.sensor, parameters.hold,
         (record.noise_std * parameters.noise_factor) ** 2, record.range_limits, parameters.jitter_s,

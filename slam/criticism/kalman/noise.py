@@ -22,7 +22,7 @@ from slam.criticism.kalman.arrays import Ar1Noise, FilterRun, NoiseChangeArrays,
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, MOVING, TARGET, WIDTH
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.sensitivity import carry, correct_covariance, innovation_variance
+from slam.criticism.kalman.sensitivity import carry
 from slam.criticism.kalman.transition import covariance_step, process_noise, transition
 
 WHITE = -1
@@ -117,6 +117,32 @@ def correct_noise(noise: Ar1Noise, ph: Array, s_var: float, miss: float, changes
             noise.own[i, b] -= gain * noise.reading_cov[b]
         for d in range(len(changes)):
             noise.sensitivity[i, d] -= gain * changes[d]
+
+
+@inner_kernel
+def innovation_variance(p: Array, row: Array, ph: Array) -> float:
+    """Write P h' into ``ph`` (n,) for a ``row`` h (n,) and return h P h'."""
+    n = row.shape[0]
+    for i in range(n):
+        ph[i] = 0.0
+    for k in range(n):
+        x = row[k]
+        if x != 0.0:
+            for i in range(n):
+                ph[i] += p[k, i] * x
+    total = 0.0
+    for i in range(n):
+        total += row[i] * ph[i]
+    return total
+
+
+@inner_kernel
+def correct_covariance(ph: Array, s_var: float, p: Array) -> None:
+    """Update the covariance (n, n) by a reading of variance ``s_var``, whose covariances are ``ph`` (n,)."""
+    for i in range(len(ph)):
+        x = ph[i] / s_var
+        for k in range(len(ph)):
+            p[i, k] -= x * ph[k]
 
 
 OWN_SHARE = 0.25

@@ -25,7 +25,8 @@ MOVING = 10
 """Entries of the state that the equations of motion drive."""
 TARGET, BEFORE, BEHIND, GUST = 10, 13, 16, 19
 """First entries of the noise on the targets (3), o (3), w (3) and gusts (2)."""
-STATES, STATES_WITH_GUSTS = 19, 21
+STATES, GUSTS = 19, 2
+"""Number of states without gusts, and of those of gusts."""
 
 IMU, ATTITUDE, VELOCITY, SONAR = range(4)
 """Kinds of events."""

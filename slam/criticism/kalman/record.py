@@ -21,7 +21,6 @@ from slam.criticism.kalman.readings import (
     INSTRUMENTS,
     SONAR,
     VELOCITY,
-    WIDTH,
     by_channel,
     place_of,
 )
@@ -111,9 +110,9 @@ def record_of(flight: Flight) -> Record:
         raise ValueError("no imu, attitude, velocity or sonar readings")
     times = np.concatenate([t for _, t, _ in streams])
     kinds = np.concatenate([np.full(len(t), kind, dtype=np.int64) for kind, t, _ in streams])
-    empty = [((0, 0), (0, max(WIDTH) - WIDTH[kind])) for kind, _, _ in streams]
-    padded = [np.pad(v, e, constant_values=np.nan) for (_, _, v), e in zip(streams, empty, strict=True)]
-    values = np.concatenate(padded)
+    values = np.full((len(times), 6), np.nan)
+    for kind, _, of_stream in streams:
+        values[kinds == kind, : of_stream.shape[1]] = of_stream
     order = np.argsort(times, kind="stable")
     times, kinds, values = times[order], kinds[order], values[order]
     gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP_S)
@@ -128,13 +127,14 @@ def record_of(flight: Flight) -> Record:
         stick = stick_of(flight.command, float(times[-1]))
     start, start_std = _start(kinds, values)
     # By the flight's own figures; 1 without the instrument.
-    std = dict.fromkeys(INSTRUMENTS, np.ones(1)) | {s.name: s.noise_std for s in streams_of(flight)}
+    std = {s.name: s.noise_std for s in streams_of(flight)}
+    noise_std = np.maximum(by_channel(*(std.get(name, 1.0) for name in INSTRUMENTS)), 1e-6)
     limits = (flight.sonar.min_range_m, flight.sonar.max_range_m) if flight.sonar else (0.0, np.inf)
     return Record(
         name=flight.name, times_s=times, kinds=kinds, values=values, stick=stick, start=start,
         start_std=start_std, elapsed=np.clip(times / times[-1], 0.0, 1.0),
-        noise_std=np.maximum(by_channel(*std.values()), 1e-6), range_limits=np.array(limits, dtype=float),
-        landing=np.zeros(len(times), dtype=bool), usual_log_variance=np.zeros(len(CHANNELS)),
+        noise_std=noise_std, range_limits=np.array(limits, dtype=float),
+        landing=np.zeros(len(times), dtype=bool), usual_log_variance=np.zeros_like(noise_std),
     )  # fmt: skip
 
 

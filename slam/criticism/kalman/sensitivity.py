@@ -202,29 +202,3 @@ def correct_sensitivity(
         x = ph[i] / s_var
         for d in range(len(change)):
             sensitivity[i, d] -= x * change[d]
-
-
-@inner_kernel
-def innovation_variance(p: Array, row: Array, ph: Array) -> float:
-    """Write P h' into ``ph`` (n,) for a ``row`` h (n,) and return h P h'."""
-    n = row.shape[0]
-    for i in range(n):
-        ph[i] = 0.0
-    for k in range(n):
-        x = row[k]
-        if x != 0.0:
-            for i in range(n):
-                ph[i] += p[k, i] * x
-    total = 0.0
-    for i in range(n):
-        total += row[i] * ph[i]
-    return total
-
-
-@inner_kernel
-def correct_covariance(ph: Array, s_var: float, p: Array) -> None:
-    """Update the covariance (n, n) by a reading of variance ``s_var``, whose covariances are ``ph`` (n,)."""
-    for i in range(len(ph)):
-        x = ph[i] / s_var
-        for k in range(len(ph)):
-            p[i, k] -= x * ph[k]

@@ -21,16 +21,14 @@ from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters, s
 from slam.criticism.kalman.kernel_inputs import FORCES, Perturbation, Signal
 from slam.criticism.kalman.readings import ATTITUDE, CHANNELS, VELOCITY, channels_of
 from slam.criticism.kalman.record import Record, any_holds_heading
-from slam.criticism.search.fitted_parameters import (
-    AT,
-    MEAN_NUISANCES,
-    NUISANCES,
-    FittedParameter,
-    fitted_parameter,
-)
+from slam.criticism.search.fitted_parameters import AT, NUISANCES, FittedParameter, fitted_parameter
+from slam.criticism.search.thresholds import parameter_cost
 from slam.data_quality.commands import LEAST_STICK
 from slam.simulation.dynamics import GAIN, MAX_TILT, TILT_LIMIT, TURN
 from slam.simulation.terms import CATALOGUE, Term
+
+PLAUSIBLE = 3.0
+"""Greatest distance of a possible value from neutral, in greatest usual distances."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +51,11 @@ class Effect:
     def columns(self) -> tuple[str, ...]:
         """Names of its columns."""
         return (*(d.name for d in self.perturbations), *(c.name for c in self.changes), *self.relaxes)
+
+    @property
+    def cost(self) -> float:
+        """Cost of its parameters in nats."""
+        return parameter_cost(len(self.columns))
 
     @property
     def label(self) -> str:
@@ -96,6 +99,17 @@ class Effect:
         for column in (*(fitted_parameter(d.name) for d in self.free.perturbations), *self.changes):
             parameters = column.without_effect(parameters)
         return parameters
+
+    def implausible_column(self, parameters: FilterParameters, size: Array, reach: Array) -> int | None:
+        """Return the first column whose size lies far beyond its plausible range, by more than ``reach``."""
+        for k, name in enumerate(self.parameters if self.perturbations else ()):
+            usual = CATALOGUE[self.name].parameter(name)
+            far = PLAUSIBLE * max(abs(usual.high - usual.neutral), abs(usual.low - usual.neutral))
+            least, most = max(usual.neutral - far, usual.least), min(usual.neutral + far, usual.most)
+            values = [self.in_catalogue_units(k, size[k] + side * reach[k], parameters) for side in (-1, 1)]
+            if max(values) < least or min(values) > most:
+                return k
+        return None
 
     def repeats(self, other: Effect) -> bool:
         """Whether it is the same quantity, even if tried in another way, such as gusts of another time."""
@@ -163,7 +177,7 @@ def relaxed_nuisances(out_of_model: bool = False) -> list[Effect]:
     return [
         Effect(f"{n.name} out of range", relaxes=(n.name,))
         for n in NUISANCES
-        if n.name != "vehicle.attitude_time_s" and (n in MEAN_NUISANCES or not out_of_model)
+        if n.name != "vehicle.attitude_time_s" and (n.form != "log" or not out_of_model)
     ]
 
 

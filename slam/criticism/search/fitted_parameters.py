@@ -191,8 +191,7 @@ AR1_COEFFICIENTS = tuple(
     replace(_AR1, name=f"{name}_ar1", entries=(k,)) for k, name in enumerate(INSTRUMENTS)
 )
 """AR(1) coefficients of the instruments, which are fitted only where noise is not white."""
-GAIN_CORRECTED = tuple(n.name for n in NOISE_NUISANCES)
-GAIN_NUISANCES = tuple(FittedParameter(gain_column(name), reach=TAILS) for name in GAIN_CORRECTED)
+GAIN_NUISANCES = tuple(FittedParameter(gain_column(n.name), reach=TAILS) for n in NOISE_NUISANCES)
 """Errors of the filter's gains. One Gaussian standard deviation cannot give both the scatter and the best
 gain of noise with heavy tails. A wrong gain leaves residuals that resemble a target proportional to tilt."""
 _JITTER = FittedParameter("timestamp_jitter.var", "jitter_s", form="square", step=1e-6, squared=True)

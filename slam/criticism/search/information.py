@@ -124,19 +124,20 @@ def fisher_information(
     changes: Sequence[FittedParameter],
     signals: Sequence[dict[str, Signal]] | None = None,
     plain: Sequence[FilterPass] = (),
-    gain_corrected: Sequence[str] = (),
+    corrects_gains: bool = False,
 ) -> FisherInformation:
     """Run the filter over the flights once, with all perturbations and all changes of the noise.
 
-    ``plain`` are runs under ``parameters``, where they are known already. Each change in ``gain_corrected``
-    adds one column, named by ``gain_column``: its effect on the mean.
+    ``plain`` are runs under ``parameters``, where they are known already. With ``corrects_gains`` each noise
+    nuisance adds one column, named by ``gain_column``: its effect on the mean.
     """
     if changes and not plain:
         plain = in_threads(lambda record: whole(record, parameters), records)
     before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
     weight = _variance_weight(plain)
-    apart = np.array([k for k, c in enumerate(changes) if c.name in gain_corrected], dtype=np.int64)
-    names = *(d.name for d in perturbations), *(c.name for c in changes), *map(gain_column, gain_corrected)
+    apart = np.array([k for k, c in enumerate(changes) if corrects_gains and c in NOISE_NUISANCES], dtype=int)
+    gains = (gain_column(changes[k].name) for k in apart.tolist())
+    names = *(d.name for d in perturbations), *(c.name for c in changes), *gains
 
     def one(k: int) -> tuple[list[LikelihoodScore], FilterPass]:
         left_out = NOISE_NUISANCES if before_s[k] >= ENOUGH_S else ()

@@ -17,14 +17,7 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import recoloured
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.expansion import (
-    LikelihoodExpansion,
-    ScoreTest,
-    expand,
-    implausible_component,
-    mask_each_other,
-    masked_pair,
-)
+from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand
 from slam.criticism.search.fitting import (
     ar1_effects,
     best_candidate,
@@ -34,13 +27,7 @@ from slam.criticism.search.fitting import (
     with_ar1_noise,
     without_small_ar1,
 )
-from slam.criticism.search.thresholds import (
-    VERY_SIMILAR_NATS,
-    Thresholds,
-    deviate,
-    parameter_cost,
-    with_misfit,
-)
+from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, Thresholds, deviate, with_misfit
 from slam.simulation.terms import CATALOGUE
 
 LINEAR_Z = 25.0
@@ -101,16 +88,15 @@ def with_term_replaced(
     rest = [e for e in found.chosen if e is not place]
     bare = place.without(found.last.parameters)
     old, _ = refit(found.records, found.model, found.last.parameters, found.chosen)
-    old -= parameter_cost(len(place.columns))
+    old -= place.cost
     fits = []
     for others in candidates:
         nats, parameters = refit(found.records, found.model, bare, [*rest, *others])
         free = [e.free for e in others]
-        sizes = [(e, parameters, e.size_in(parameters), np.zeros(len(e.columns))) for e in free]
-        if any(implausible_component(*size) is not None for size in sizes):
+        sizes = [(e, e.size_in(parameters)) for e in free]
+        if any(e.implausible_column(parameters, size, np.zeros_like(size)) is not None for e, size in sizes):
             nats = -np.inf
-        cost = sum(parameter_cost(len(e.columns)) for e in others)
-        cost += (len(others) - 1) * np.log(len(CATALOGUE))
+        cost = sum(e.cost for e in others) + (len(others) - 1) * np.log(len(CATALOGUE))
         fits.append((nats - cost - old, others, parameters))
     gained, others, parameters = max(fits, key=lambda fit: fit[0])
     alike = abs(gained) < VERY_SIMILAR_NATS
@@ -170,7 +156,7 @@ class _SequentialSearch:
             significant = beyond(tests, threshold)
             full = len(self.chosen) == MOST_TERMS
             weak = not significant or significant[0].z < CURVED_Z
-            if not self.chosen and weak and (both := masked_pair(self.expansion, limits, significant)):
+            if not self.chosen and weak and (both := self.expansion.masked_pair(limits, significant)):
                 # Two terms in place of weakly significant ones, or of none.
                 self.chosen, self._fitted = list(both), False
                 continue
@@ -219,7 +205,7 @@ class _SequentialSearch:
         """Remove the terms that the others have made superfluous."""
         before, score_tests = self.chosen, self.expansion.score_tests
         bounded = [e for e in before if e.is_saturation]
-        if len(before) == 2 and not bounded and mask_each_other(self.expansion, before, self._limits):
+        if len(before) == 2 and not bounded and self.expansion.mask_each_other(before, self._limits):
             return
         alone = [
             score_tests([o for o in before if o is not e], [e])[0].z for e in before if not e.is_saturation

@@ -16,10 +16,10 @@ from scipy.special import softmax
 
 from slam.criticism.finding import NameInDoubt
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.expansion import ONE_CLASS, LikelihoodExpansion, ScoreTest, expand, ranked_pairs
+from slam.criticism.search.expansion import ONE_CLASS, LikelihoodExpansion, ScoreTest, expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.search import LINEAR_Z, SearchResult, with_term_replaced
-from slam.criticism.search.thresholds import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, parameter_cost
+from slam.criticism.search.thresholds import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS
 
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
 CLASS_NATS = 10.0
@@ -78,7 +78,7 @@ class Posterior:
 
 def required_nats(effect: Effect) -> float:
     """Return the nats that held-out flights must gain before a term is more probable than not."""
-    return parameter_cost(len(effect.columns)) + ONE_OF_ALL
+    return effect.cost + ONE_OF_ALL
 
 
 def posterior_of(found: SearchResult, refuted: Container[str] = ()) -> Posterior:
@@ -258,7 +258,7 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, ...
     for expansion in (found.first, found.last):
         rest = [expansion.own(e) for e in found.chosen if e is not place]
         own = expansion.score_tests(rest, [expansion.own(place)])[0]
-        best = next(iter(ranked_pairs(expansion, rest, place)), None)
+        best = next(iter(expansion.ranked_pairs(rest, place)), None)
         if best and (expansion is found.last or own.z < LINEAR_Z) and best.worth - dearer > own.worth:
             pairs.append(best.effects)
     return pairs
@@ -292,7 +292,7 @@ def _prior(expansion: LikelihoodExpansion) -> Callable[[Sequence[Effect]], float
 
     def of(effects: Sequence[Effect]) -> float:
         shares = (KNOWN / len(ways) / ways[e.name] if e.is_term else UNKNOWN / others for e in effects)
-        return float(sum(map(np.log, shares)) - sum(parameter_cost(len(e.columns)) for e in effects))
+        return float(sum(map(np.log, shares)) - sum(e.cost for e in effects))
 
     return of
 

@@ -22,7 +22,6 @@ from slam.criticism.extended import with_certainty, with_terms
 from slam.criticism.finding import NameInDoubt, Onset
 from slam.criticism.next_flight import next_motion
 from slam.criticism.search.effects import LATE, Effect
-from slam.criticism.search.expansion import alike, implausible_size
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
@@ -41,11 +40,7 @@ from slam.criticism.without_commands.likelihood import (
     segments_of,
     table_of,
 )
-from slam.criticism.without_commands.sensor_comparison import (
-    SensorComparison,
-    channel_errors,
-    compare_sensors,
-)
+from slam.criticism.without_commands.sensor_comparison import SensorComparison, channel_errors
 from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
 from slam.data_quality.axes import axes_of_all
 from slam.data_quality.channels import larger_noise
@@ -141,10 +136,10 @@ class ComparedFlights(Evidence):
         yield from components
         told = {(doubt.effect, *doubt.others) for doubt in components}
         for test in last.score_tests(chosen, [e for e in last.effects if e.is_term]):
-            for effect in alike(last, test.effect, chosen) if test.z >= STANDS_OUT_Z else ():
+            for effect in last.alike(test.effect, chosen) if test.z >= STANDS_OUT_Z else ():
                 if effect.is_term and (effect.name, test.effect.name) not in told:
                     yield NameInDoubt(effect=effect.name, others=(test.effect.name,))
-        if beyond := implausible_size(last, chosen, STANDS_OUT_Z):
+        if beyond := last.implausible_size(chosen, STANDS_OUT_Z):
             yield beyond
 
     def completed(self, found: Criticism) -> Criticism:
@@ -199,7 +194,7 @@ def explain_comparisons(
 
     Pictures are linear only near the truth, so their rows are computed anew about what was found.
     """
-    sensors = compare_sensors(flights, model, progress)
+    sensors = SensorComparison.of(flights, model, progress)
     rows = sensors.rows({})
     if not any(rows):
         return None
@@ -262,7 +257,7 @@ def _best(
         if test.effect is place:
             break
         more = replace(found, chosen=(*rest, test.effect))
-        if test.z < least_z or alike(found.last, test.effect, rest):
+        if test.z < least_z or found.last.alike(test.effect, rest):
             continue
         if held_out(more, rest).total < CONFIRMED_NATS:
             continue

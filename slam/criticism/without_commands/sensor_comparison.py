@@ -60,6 +60,25 @@ class SensorComparison:
     dropped: tuple[str, ...]
     """Descriptions of what was left out."""
 
+    @staticmethod
+    def of(flights: Sequence[Flight], model: Model, progress: Progress = silent) -> SensorComparison:
+        """Compare each instrument of the flights with the others."""
+        tally = Tally(progress, "instruments", len(flights))
+        comparisons = tuple(inertial_residuals(flight) for flight in tally.each(flights))
+        parameters = with_free_motion(filter_parameters_of(model))
+        records, dropped = [], []
+        every = zip(map(airborne_record, flights), match_all_pictures(flights, progress), strict=True)
+        for record, matches in every:
+            if record is not None and matches is not None:
+                record, description = without_mismatched_pairs(replace(record, matches=matches), parameters)
+                dropped += [description] if description else []
+            records.append(record)
+        anomalies: list[Cause] = []
+        if known := [record for record in records if record is not None]:
+            clean, anomalies = without_dead_zone(known)
+            anomalies += reading_anomalies(in_threads(lambda record: whole(record, parameters), clean))
+        return SensorComparison(comparisons, tuple(records), parameters, tuple(anomalies), tuple(dropped))
+
     @property
     def matches(self) -> FeatureMatches | None:
         """Feature matches of the first flight that has any."""
@@ -77,27 +96,6 @@ class SensorComparison:
             return [*known, *picture_rows(record, self.parameters, sizes, begin_s)]
 
         return in_threads(with_pictures, range(len(self.records)))
-
-
-def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress = silent) -> SensorComparison:
-    """Compare each instrument of the flights with the others."""
-    comparisons = [
-        inertial_residuals(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)
-    ]
-    parameters = with_free_motion(filter_parameters_of(model))
-    records, dropped = [], []
-    for record, matches in zip(
-        map(airborne_record, flights), match_all_pictures(flights, progress), strict=True
-    ):
-        if record is not None and matches is not None:
-            record, description = without_mismatched_pairs(replace(record, matches=matches), parameters)
-            dropped += [description] if description else []
-        records.append(record)
-    anomalies: list[Cause] = []
-    if known := [record for record in records if record is not None]:
-        clean, anomalies = without_dead_zone(known)
-        anomalies += reading_anomalies(in_threads(lambda record: whole(record, parameters), clean))
-    return SensorComparison(tuple(comparisons), tuple(records), parameters, tuple(anomalies), tuple(dropped))
 
 
 def with_free_motion(parameters: FilterParameters) -> FilterParameters:

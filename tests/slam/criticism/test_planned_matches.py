@@ -16,7 +16,7 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.next_flight import next_motion, planned_matches, telling_flight
 from slam.criticism.search.effects import effects_for
 from slam.criticism.without_commands.likelihood import likelihood_of
-from slam.criticism.without_commands.sensor_comparison import compare_sensors
+from slam.criticism.without_commands.sensor_comparison import SensorComparison
 from slam.data_quality.pictures.feature_matches import match_all_pictures
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
@@ -82,7 +82,7 @@ def test_without_commands_the_camera_is_on_board_too(monkeypatch):
     for name in list(HANDHELD_MOTIONS):
         monkeypatch.delitem(HANDHELD_MOTIONS, name)
     model, pair = load_model("nominal"), ("rolling_shutter", "camera_time_offset")
-    found = compare_sensors(
+    found = SensorComparison.of(
         [replace(camera_flight({"rolling_shutter": {"readout": 0.03}}, 3), command=None)], model
     )
     rows = found.rows({})

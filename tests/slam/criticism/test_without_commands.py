@@ -14,7 +14,7 @@ from slam.criticism.finding import ImplausibleSize
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.without_commands.likelihood import PATTERNS, likelihood_of
-from slam.criticism.without_commands.sensor_comparison import compare_sensors
+from slam.criticism.without_commands.sensor_comparison import SensorComparison
 from slam.criticism.without_commands.whitened_rows import inertial_residuals
 from slam.data_quality.inertial_comparison import NODE_S
 from slam.simulation.healthy.flights import healthy_case, simulate_flight, simulate_readings
@@ -296,7 +296,7 @@ def test_pictures_are_held_against_the_other_instruments(term, parameter, size):
 
 @pytest.mark.slow
 def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about_it():
-    found = compare_sensors(seen({}), load_model("nominal"))
+    found = SensorComparison.of(seen({}), load_model("nominal"))
     plain = expansion_of(found.rows({}))
     # No filter parameters hold a pattern, or a variance below 0: rows about them are rows about none.
     shape = PATTERNS[0]

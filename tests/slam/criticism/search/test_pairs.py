@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.search.effects import effects_for
-from slam.criticism.search.expansion import expand, mask_each_other, masked_pair
+from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.search import search, with_term_replaced
 from slam.criticism.search.thresholds import load_thresholds
@@ -73,12 +73,12 @@ def test_of_few_terms_those_that_hide_each_other_are_a_pair_and_one_is_none(smal
     nothing, covariance = carrying(look, BOTH, np.zeros(2))
     hidden, _ = carrying(look, BOTH, np.array([6.5, np.sign(covariance[0, 1]) * 4.5]))
     alone = [hidden.score_tests([], [e])[0] for e in effects_of(look, BOTH)]
-    assert names_of(masked_pair(hidden, LIMITS, alone)) == BOTH
-    assert masked_pair(nothing, LIMITS) is None
+    assert names_of(hidden.masked_pair(LIMITS, alone)) == BOTH
+    assert nothing.masked_pair(LIMITS) is None
     one, _ = carrying(look, BOTH[:1], np.array([5.0]))
     alone = one.score_tests([], effects_of(look, BOTH[:1]))
     assert alone[0].z == pytest.approx(5.0, abs=0.3)
-    assert masked_pair(one, LIMITS, alone) is None
+    assert one.masked_pair(LIMITS, alone) is None
 
 
 @pytest.mark.slow
@@ -89,22 +89,22 @@ def test_two_terms_that_hide_each_other_are_found_together(expansion):
     alone = [hidden.score_tests([], [e])[0] for e in effects_of(expansion, BOTH)]
     assert max(s.z for s in alone) < 0.9 * 6.5
     assert min(s.z for s in alone) < LIMITS.effects
-    assert mask_each_other(hidden, effects_of(expansion, BOTH), LIMITS)
-    assert names_of(masked_pair(hidden, LIMITS, alone)) == BOTH
+    assert hidden.mask_each_other(effects_of(expansion, BOTH), LIMITS)
+    assert names_of(hidden.masked_pair(LIMITS, alone)) == BOTH
     # The same sizes the other way round help each other: no pair is needed to see them.
     plain, _ = carrying(expansion, BOTH, np.array([6.5, -sign * 4.5]))
-    assert not mask_each_other(plain, effects_of(expansion, BOTH), LIMITS)
+    assert not plain.mask_each_other(effects_of(expansion, BOTH), LIMITS)
 
 
 @pytest.mark.slow
 def test_one_term_or_none_is_no_pair(expansion):
     nothing, _ = carrying(expansion, BOTH, np.zeros(2))
-    assert masked_pair(nothing, LIMITS) is None
+    assert nothing.masked_pair(LIMITS) is None
     for name in ("climb_asymmetry", "sonar_lag", "gyro_scale"):
         one, _ = carrying(expansion, [name], np.array([5.0]))
         alone = one.score_tests([], [e for e in one.effects if e.name == name])
         assert alone[0].z == pytest.approx(5.0, abs=0.3)
-        assert masked_pair(one, LIMITS, alone) is None
+        assert one.masked_pair(LIMITS, alone) is None
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
 from slam.criticism.search.effects import pattern_directions, signals_of
 from slam.criticism.search.fitted_parameters import (
-    GAIN_CORRECTED,
     MEAN_NUISANCES,
     MEAN_PERTURBATIONS,
     NOISE_NUISANCES,
@@ -38,7 +37,7 @@ def seen():
     perturbations = [*MEAN_PERTURBATIONS, *patterns]
     signals = [signals_of(record, plain.states)]
     return fisher_information(
-        [record], parameters, perturbations, NOISE_NUISANCES, signals, [plain], GAIN_CORRECTED
+        [record], parameters, perturbations, NOISE_NUISANCES, signals, [plain], True
     ), parameters
 
 
@@ -62,6 +61,6 @@ def test_gain_corrections_are_free_and_no_parameters(seen):
     fisher, parameters = seen
     quadratic = QuadraticLikelihood(fisher, parameters, parameters)
     maximum = quadratic.maximise([])
-    assert set(map(gain_column, GAIN_CORRECTED)) <= set(quadratic.names)
+    assert {gain_column(n.name) for n in NOISE_NUISANCES} <= set(quadratic.names)
     assert maximum.step[quadratic.names.index(TILT)] != 0.0
     assert fitted_parameter(TILT).stepped(parameters, 0.1) is parameters
