@@ -76,7 +76,9 @@ def next_flight(model: Model, found: SearchResult, posterior: Posterior, progres
         else:
             other, expansion, chosen = _best_way(found.last, name), found.last, [*found.chosen]
         step, _ = expansion.maximise(chosen).of(effect.columns)
-        size = step + [_current_value(expansion, found, column) for column in effect.columns]
+        # The value of a nuisance is its difference from the healthy vehicle's own.
+        current = {n.name: n.value_in(expansion.parameters) - n.value_in(found.model) for n in MEAN_NUISANCES}
+        size = step + [(expansion.current | current).get(column, 0.0) for column in effect.columns]
         sentence = telling_flight(model, effect, other, size, kinds, seen, progress)
         if sentence and not sentence.startswith(NONE):
             return sentence
@@ -225,14 +227,6 @@ def advice(
 def _best_way(expansion: LikelihoodExpansion, name: str) -> Effect:
     """Return the way of trying a term that explains most by itself."""
     return expansion.score_tests([], [e for e in expansion.effects if e.name == name])[0].effect
-
-
-def _current_value(expansion: LikelihoodExpansion, found: SearchResult, column: str) -> float:
-    """Return the current value of a column; of a nuisance, its difference from the healthy vehicle's own."""
-    nuisance = next((n for n in MEAN_NUISANCES if n.name == column), None)
-    if nuisance is None:
-        return expansion.current.get(column, 0.0)
-    return nuisance.value_in(expansion.parameters) - nuisance.value_in(found.model)
 
 
 GRID = round(np.sqrt(MATCHES))

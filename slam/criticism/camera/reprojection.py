@@ -42,19 +42,14 @@ MOST_MISMATCHED = 0.1
 
 
 def reprojection_score(
-    record: Record, matches: FeatureMatches, parameters: FilterParameters, directions: Sequence[Perturbation]
-) -> LikelihoodScore:
-    """Return score and information of the perturbations, 0 for those that pictures cannot show."""
-    return reprojection_score_along(matches, parameters, camera_path(record, matches, parameters), directions)
+    record: Record, matches: FeatureMatches, parameters: FilterParameters,
+    directions: Sequence[Perturbation], path: CameraPath | None = None,
+) -> LikelihoodScore:  # fmt: skip
+    """Return score and information of the perturbations, 0 for those that pictures cannot show.
 
-
-def reprojection_score_along(
-    matches: FeatureMatches,
-    parameters: FilterParameters,
-    along: CameraPath,
-    directions: Sequence[Perturbation],
-) -> LikelihoodScore:
-    """Return the same for a known path through some of the pictures."""
+    Pictures are those on a ``path``, by default all.
+    """
+    along = camera_path(record, matches, parameters) if path is None else path
     faint = [_FAINT * (d.kind in ("camera", "picture")) for d in directions]
     return (
         _points(_Scene.of(matches, parameters, along), directions)
@@ -94,7 +89,7 @@ def _points(scene: _Scene, directions: Sequence[Perturbation]) -> LikelihoodScor
 def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> LikelihoodScore:
     """Marginalise the poses with the path's covariance, and the camera with its tolerance."""
     n, rows = len(covariance) // 6, 2 * len(scene.i)
-    right = np.concatenate([C, (scene.seen - scene.transferred())[:, :, None]], axis=2)
+    right = np.concatenate([C, scene.off()[:, :, None]], axis=2)
     weight = 1.0 / scene.std
     right, B = right * weight[:, None, None], B * weight[:, None, None]
     M = np.zeros((n * n, 36))
@@ -133,19 +128,6 @@ def _summed(row: Ints, count: int, values: Array) -> Array:
     m = len(row)
     place = csr_array((np.ones(m), (row, np.arange(m))), shape=(count, m))
     return np.asarray(place @ values.reshape(m, -1))
-
-
-def residuals(
-    matches: FeatureMatches, parameters: FilterParameters, along: CameraPath
-) -> tuple[Array, Array]:
-    """Return (m,) px the lengths of the residuals, and their standard deviations from the path alone."""
-    scene = _Scene.of(matches, parameters, along)
-    B, n = scene.by_pose(), len(along.times_s)
-    S = along.covariance.reshape(n, 6, n, 6)
-    ends = (scene.i, B[:, :, :6]), (scene.j, B[:, :, 6:])
-    variance = sum(np.einsum("mca,mab,mcb->m", A, S[p, :, q], C) for p, A in ends for q, C in ends)
-    off = np.linalg.norm(scene.seen - scene.transferred(), axis=1)
-    return off, np.sqrt(np.maximum(variance, 0.0))
 
 
 @dataclass(frozen=True)
@@ -194,6 +176,10 @@ class _Scene:
         pose_i, pose_j = self._poses(camera, self.i, self.seen), self._poses(camera, self.j, self.other)
         floor = floor_of(nominal, camera, pose_j + at_j, self.other + off_j, slope)
         return pixels_of(nominal, camera, pose_i + at_i, floor)
+
+    def off(self) -> Array:
+        """Return (m, 2) residuals in px."""
+        return np.asarray(self.seen - self.transferred())
 
     def _poses(self, camera: Array, picture: Ints, pixel: Array) -> Array:
         """Return (m, 6) poses at the time of each pixel's row; the path is sampled at the middle row's."""
@@ -258,10 +244,11 @@ def reprojection_errors(
 
 def _square_px(record: Record, parameters: FilterParameters) -> tuple[float, int]:
     """Return the mean square error of one coordinate of a match, and the number of coordinates."""
-    assert record.matches is not None
-    found = reprojection_score(record, record.matches, parameters, ())
+    matches = record.matches
+    assert matches is not None
+    found = reprojection_score(record, matches, parameters, ())
     # Residuals are weighed by their own noise, which differs little from match to match.
-    noise = float(np.mean(record.matches.std_px**2))
+    noise = float(np.mean(matches.std_px**2))
     return found.chi_square / max(found.rows, 1) * noise, found.rows
 
 
@@ -279,7 +266,12 @@ def without_mismatched_pairs(record: Record, parameters: FilterParameters) -> tu
     known = np.flatnonzero(along.holds(matches.earlier, matches.later))
     if len(known) == 0:
         return record, ""
-    off_px, std_px = residuals(matches, parameters, along)
+    scene, n = _Scene.of(matches, parameters, along), len(along.times_s)
+    B, S = scene.by_pose(), along.covariance.reshape(n, 6, n, 6)
+    ends = (scene.i, B[:, :, :6]), (scene.j, B[:, :, 6:])
+    # The variance of the residuals by the path alone.
+    variance = sum(np.einsum("mca,mab,mcb->m", A, S[p, :, q], C) for p, A in ends for q, C in ends)
+    off_px, std_px = np.linalg.norm(scene.off(), axis=1), np.sqrt(np.maximum(variance, 0.0))
     pair = matches.earlier[known] * len(matches.stamps_s) + matches.later[known]
     pairs, pair_of = np.unique(pair, return_inverse=True)
     far_px, least_px = off_px - MISMATCH_Z * std_px, MISMATCH * matches.camera.size_px[0]

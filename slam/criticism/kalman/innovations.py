@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from slam.core.arrays import Array, Ints, Mask
+from slam.core.arrays import Array, Ints
 from slam.criticism.kalman.filter import GATE, IGNORED, USED, Z_STD, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.kernel_inputs import Perturbation, Signal, filter_run, observable_noise
@@ -148,17 +148,7 @@ class Run:
 
 def referred(record: Record, parameters: FilterParameters) -> Record:
     """Return the record with its landing times and usual innovation variances under ``parameters``."""
-    usual = np.zeros(len(CHANNELS))
-    landed = replace(record, landing=_landing(record, parameters), usual_log_variance=usual)
-    run = whole(landed, parameters)
-    channels = np.where(run.status == USED, CHANNEL_AT[record.kinds], NO_CHANNEL)
-    for channel in np.unique(channels[channels != NO_CHANNEL]):
-        usual[channel] = np.median(run.log_variance[channels == channel])
-    return replace(landed, usual_log_variance=usual)
-
-
-def _landing(record: Record, parameters: FilterParameters) -> Mask:
-    """Return (events,) landing; run without accelerometer, as the contact shock must not move the height."""
+    # Landing is seen without accelerometer, as the contact shock must not move the height.
     values = record.values.copy()
     values[record.kinds == IMU, 3:6] = np.nan
     states = whole(replace(record, values=values), parameters).states
@@ -166,7 +156,13 @@ def _landing(record: Record, parameters: FilterParameters) -> Mask:
     sinks = record.stick.at(record.times_s, parameters.latency_s)[:, UP] <= 0.0
     # Standing counts as well: the gear is so stiff that a tiny height error shows in the accelerometer.
     last = np.maximum.accumulate(np.where(low & sinks, record.times_s, -np.inf))
-    return np.asarray(record.times_s - last < CONTACT_S)
+    usual = np.zeros(len(CHANNELS))
+    landed = replace(record, landing=record.times_s - last < CONTACT_S, usual_log_variance=usual)
+    run = whole(landed, parameters)
+    channels = np.where(run.status == USED, CHANNEL_AT[record.kinds], NO_CHANNEL)
+    for channel in np.unique(channels[channels != NO_CHANNEL]):
+        usual[channel] = np.median(run.log_variance[channels == channel])
+    return replace(landed, usual_log_variance=usual)
 
 
 def recoloured(record: Record, before: FilterParameters, after: FilterParameters) -> Record:

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from backend.compilation import inner_kernel
-from slam.core.arrays import Array, Ints
+from slam.core.arrays import Array
 from slam.criticism.kalman.arrays import Ar1Noise, FilterRun, NoiseChangeArrays, StepBuffers
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, MOVING, TARGET, WIDTH
@@ -45,21 +45,17 @@ def ar1_noise_for(
     slot[channels] = np.arange(len(channels))
     variance = (record.noise_std * parameters.noise_factor)[channels] ** 2
     k = len(channels)
-    return Ar1Noise(
-        slot, _samples(record), colour[channels], variance, np.zeros(k), np.zeros((states, k)),
-        np.diag(variance), np.zeros((k, sensitivity)), np.zeros(k), np.zeros((MOVING, k)),
-    )  # fmt: skip
-
-
-def _samples(record: Record) -> Ints:
-    """Return (events,) the whole samples since the previous event of the same kind."""
+    # The whole samples since the previous event of the same kind.
     samples = np.ones(len(record.kinds), dtype=np.int64)
     for kind in np.unique(record.kinds):
         rows = np.flatnonzero(record.kinds == kind)
         gaps = np.diff(record.times_s[rows])
         if len(gaps):
             samples[rows[1:]] = np.maximum(np.rint(gaps / np.median(gaps)), 1).astype(np.int64)
-    return samples
+    return Ar1Noise(
+        slot, samples, colour[channels], variance, np.zeros(k), np.zeros((states, k)),
+        np.diag(variance), np.zeros((k, sensitivity)), np.zeros(k), np.zeros((MOVING, k)),
+    )  # fmt: skip
 
 
 @inner_kernel

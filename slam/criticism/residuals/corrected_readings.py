@@ -24,7 +24,7 @@ from slam.criticism.kalman.record import Record, in_order
 from slam.criticism.residuals.reading_anomalies import cause_in_readings, predicted_by_others
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT
-from slam.data_quality.boxes import Boxes, RangeResiduals, find_boxes, nats_by_others, share_over
+from slam.data_quality.boxes import RangeResiduals, find_boxes, nats_by_others, share_over
 from slam.data_quality.even_clock import LEAST_SCATTER_S, StampOffsets, stamp_offsets
 from slam.simulation.dynamics import PITCH, ROLL, UP, VX, VY, VZ, X, Y, Z
 
@@ -41,23 +41,20 @@ def without_boxes(
         return list(records), []
     nats = tuple(found.gain_nats for found in boxes)
     by_others = predicted_by_others(boxes, nats_by_others)
+    heights = np.concatenate([found.heights_m for found in boxes])
+    height, share = float(heights.mean()), share_over(boxes)
+    std = math.hypot(float(heights.std()), boxes[0].noise.std_m) / math.sqrt(len(heights))
+    spread = math.sqrt(share * (1.0 - share) / len(heights))
+    sizes = {
+        "height": Interval(height, "m", height - 1.96 * std, height + 1.96 * std),
+        "share": Interval(share, "1", max(share - 1.96 * spread, 0.0), min(share + 1.96 * spread, 1.0)),
+    }
     levelled = []
     for record, found in zip(records, boxes, strict=True):
         values = record.values.copy()
         values[found.seen.rows, 0] += found.sign * found.over_m / found.seen.upright
         levelled.append(replace(record, values=values))
-    return levelled, [cause_in_readings("floor_steps", _sizes(boxes), nats, by_others)]
-
-
-def _sizes(boxes: Sequence[Boxes]) -> dict[str, Interval]:
-    heights = np.concatenate([found.heights_m for found in boxes])
-    height, share = float(heights.mean()), share_over(boxes)
-    std = math.hypot(float(heights.std()), boxes[0].noise.std_m) / math.sqrt(len(heights))
-    spread = math.sqrt(share * (1.0 - share) / len(heights))
-    return {
-        "height": Interval(height, "m", height - 1.96 * std, height + 1.96 * std),
-        "share": Interval(share, "1", max(share - 1.96 * spread, 0.0), min(share + 1.96 * spread, 1.0)),
-    }
+    return levelled, [cause_in_readings("floor_steps", sizes, nats, by_others)]
 
 
 def range_residuals(record: Record, parameters: FilterParameters) -> RangeResiduals:

@@ -210,11 +210,16 @@ def _sized(term: str, value: float, reach: float, least: float = 0.0) -> dict[st
 def smallest_in_readings(records: Sequence[Record]) -> dict[str, tuple[float, str]]:
     """Return name -> size and unit of a sonar's second echoes and dead zone, and of lost pictures.
 
-    A dead zone shows where readings lie below it for long enough; echoes and losses are Poisson counts.
+    A dead zone shows where ``RUN`` successive readings lie below it; echoes and losses are Poisson counts.
     """
+    lowest = np.inf
+    for ranges in (record.values[record.kinds == SONAR, 0] for record in records):
+        if len(ranges) >= RUN:
+            runs = np.lib.stride_tricks.sliding_window_view(ranges, RUN).max(axis=1)
+            lowest = min(lowest, float(np.min(runs, initial=np.inf, where=np.isfinite(runs))))
     found = {
         "sonar_spikes": _share_for(FEWEST_SPIKES, len(ranges_of(records))),
-        "sonar_dead_zone": _lowest_run(records),
+        "sonar_dead_zone": lowest,
         "dropped_frames": _lost(sum(r.matches.taken for r in records if r.matches is not None)),
     }
     return {n: (size, CATALOGUE[n].parameters[0].unit) for n, size in found.items() if np.isfinite(size)}
@@ -223,17 +228,6 @@ def smallest_in_readings(records: Sequence[Record]) -> dict[str, tuple[float, st
 def _share_for(count: int, among: int) -> float:
     """Return the share that gives at least ``count`` of ``among`` in nine of ten cases."""
     return float(gamma.ppf(CERTAIN, count)) / among if among else np.inf
-
-
-def _lowest_run(records: Sequence[Record]) -> float:
-    """Return the least maximum of ``RUN`` successive readings."""
-    lowest = np.inf
-    for record in records:
-        ranges = record.values[record.kinds == SONAR, 0]
-        if len(ranges) >= RUN:
-            runs = np.lib.stride_tricks.sliding_window_view(ranges, RUN).max(axis=1)
-            lowest = min(lowest, float(np.min(runs, initial=np.inf, where=np.isfinite(runs))))
-    return lowest
 
 
 def _lost(taken: int) -> float:

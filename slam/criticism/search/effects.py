@@ -237,14 +237,16 @@ TILTING_S = 0.02
 """Time before the moment over which a rate of tilt is taken: later values hold what the gyro will read."""
 
 
-def pattern_directions(records: Sequence[Record]) -> list[Perturbation]:
-    """Return the perturbations that the flights' streams can show."""
-    channels = [c for c in range(len(CHANNELS)) if any(r.has(c) for r in records)]
+def residual_patterns(records: Sequence[Record]) -> tuple[Effect, ...]:
+    """Return each residual pattern that the flights' streams can show, and pairs ahead and to the left.
+
+    An isotropic error leaves half of its effect in each direction: one alone loses to a wrong term of both.
+    """
     found = [
-        Perturbation(f"{CHANNELS[c]} ~ {signal}", "channel", c, 1.0, signal)
-        for c in channels
-        for signal in (*ON_CHANNELS, *ON_ONE_CHANNEL.get(CHANNELS[c], ()))
-    ]
+        Perturbation(f"{channel} ~ {signal}", "channel", c, 1.0, signal)
+        for c, channel in enumerate(CHANNELS) if any(r.has(c) for r in records)
+        for signal in (*ON_CHANNELS, *ON_ONE_CHANNEL.get(channel, ()))
+    ]  # fmt: skip
     found += [
         Perturbation(f"force {name} ~ {signal}", "force", FORCES.index(name), 1e-3, signal)
         for name in FORCED
@@ -254,36 +256,23 @@ def pattern_directions(records: Sequence[Record]) -> list[Perturbation]:
     ]
     if any(r.matches is not None for r in records):
         found += [Perturbation(name, "picture", k) for k, name in enumerate((*PICTURE_PATTERNS, *WARPS))]
+    patterns = [Effect(d.name, (d,), positive=d.name in VARIANCE_PATTERNS) for d in found]
     yaw = CHANNELS.index("yaw")
-    found += [
+    placed = [
         Perturbation(f"{YAW_AT_PLACE}: {signal}", "channel", yaw, 1.0, signal)
         for flight, record in enumerate(records)
         if record.has(yaw) and record.has(_SPEED)  # otherwise the place is unknown
         for signal in _of_flight(flight)
     ]
-    return found
-
-
-def residual_patterns(perturbations: Sequence[Perturbation]) -> tuple[Effect, ...]:
-    """Return each perturbation as a pattern, and pairs of one kind ahead and to the left together.
-
-    An isotropic error leaves half of its effect in each direction: one alone loses to a wrong term of both.
-    """
-    placed = tuple(d for d in perturbations if d.name.startswith(YAW_AT_PLACE))
-    known = {d.name: d for d in perturbations if d not in placed}
-    patterns = [Effect(name, (d,), positive=name in VARIANCE_PATTERNS) for name, d in known.items()]
-    if placed:
-        patterns.append(Effect(YAW_AT_PLACE, placed))
-    together = [
+    patterns += [Effect(YAW_AT_PLACE, tuple(placed))] if placed else []
+    known = {d.name: d for d in found}
+    level = [
         (f"{ahead} ~ {along}", f"{left} ~ {across}")
         for ahead, left in LEVEL_TARGETS
         for along, across in LEVEL_SIGNALS
     ]
-    for names in (*together, *PAIRS):
-        pair = known.get(names[0]), known.get(names[1])
-        if pair[0] is not None and pair[1] is not None:
-            patterns.append(Effect(f"{pair[0].name}, {pair[1].name}", (pair[0], pair[1])))
-    return tuple(patterns)
+    both = [(known[one], known[other]) for one, other in (*level, *PAIRS) if {one, other} <= known.keys()]
+    return (*patterns, *(Effect(f"{one.name}, {other.name}", (one, other)) for one, other in both))
 
 
 def signals_of(record: Record, states: Array, flight: int = 0, flights: int = 1) -> dict[str, Signal]:

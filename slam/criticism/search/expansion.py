@@ -21,7 +21,6 @@ from slam.criticism.search.effects import (
     Effect,
     delayed_readings,
     effects_for,
-    pattern_directions,
     relaxed_nuisances,
     residual_patterns,
     signals_of,
@@ -172,10 +171,11 @@ def expand(
     current = [effect.free for effect in chosen if not effect.relaxes]
     labels = {effect.label for effect in current}
     effects = [e for e in effects_for(records, parameters) if e.label not in labels] + current
-    patterns = pattern_directions(records)
+    patterns = residual_patterns(records)
     late = delayed_readings(records) if model.out_of_model else []
     moved = [d for e in (*effects, *late) for d in e.perturbations]
-    perturbations = [*MEAN_PERTURBATIONS, *moved, *patterns]
+    own = dict.fromkeys(d for pattern in patterns for d in pattern.perturbations)
+    perturbations = [*MEAN_PERTURBATIONS, *moved, *own]
     changes = [*NOISE_NUISANCES, *(c for e in effects for c in e.changes)]
     fisher = fisher_information(records, parameters, perturbations, changes, signals, plain, True)
     # A value of a grid is tried only where the parameters hold none.
@@ -189,5 +189,5 @@ def expand(
         model=model,
         current=values,
         effects=(*effects, *relaxed_nuisances(model.out_of_model)),
-        patterns=(*residual_patterns(patterns), *late),
+        patterns=(*patterns, *late),
     )

@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from frontend.cores import in_threads
-from slam.core.arrays import Array, Ints
+from slam.core.arrays import Array
 from slam.core.progress import Tally
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import CAMERA, FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, whole
-from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, INSTRUMENT_OF
+from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, INSTRUMENT_CHANNELS
 from slam.criticism.kalman.record import Record, with_events
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
@@ -150,13 +150,9 @@ class BestCandidate:
 
 
 def best_candidate(
-    records: Sequence[Record],
-    model: FilterParameters,
-    expansion: LikelihoodExpansion,
-    chosen: Sequence[Effect],
-    ranked: Sequence[ScoreTest],
-    tries: Tally,
-) -> BestCandidate:
+    records: Sequence[Record], about: LikelihoodExpansion, chosen: Sequence[Effect],
+    ranked: Sequence[ScoreTest], tries: Tally,
+) -> BestCandidate:  # fmt: skip
     """Fit each of the best of ``ranked`` beside the chosen terms, and choose the one that explains most.
 
     Among candidates that explain the same, the one with fewest parameters is chosen.
@@ -167,10 +163,10 @@ def best_candidate(
     if ranked[0].effect.columns[0] in CAMERA:
         # Pictures are nearly linear: a candidate far below the best of one expansion is none.
         named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
-    base, _ = refit(records, model, expansion.parameters, chosen)
+    base, _ = refit(records, about.model, about.parameters, chosen)
     fitted: dict[ScoreTest, FilterParameters] = {}
     for test in tries.each(list(named.values())[:CANDIDATES]):
-        nats, parameters = refit(records, model, expansion.parameters, [*chosen, test.effect])
+        nats, parameters = refit(records, about.model, about.parameters, [*chosen, test.effect])
         fitted[replace(test, nats=nats - base)] = parameters
     alike = max(fit.worth for fit in fitted) - VERY_SIMILAR_NATS
     best = min((f for f in fitted if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
@@ -197,25 +193,22 @@ def ar1_effects(parameters: FilterParameters) -> tuple[Effect, ...]:
 
 
 def with_ar1_noise(
-    records: Sequence[Record],
-    model: FilterParameters,
-    parameters: FilterParameters,
-    passes: Sequence[FilterPass],
-    chosen: Sequence[Effect],
-    most_nats: float,
+    about: LikelihoodExpansion, chosen: Sequence[Effect], most_nats: float
 ) -> FilterParameters | None:
-    """Return the parameters with AR(1) noise; None where something else explains more of the flights.
+    """Return an expansion's parameters with AR(1) noise; None where something else explains more.
 
-    ``passes`` are the filter's runs under ``parameters``, which hold the ``chosen`` terms. ``most_nats`` is
-    the gain of the best other explanation. Instruments of an out-of-model vehicle are not tested.
+    The parameters hold the ``chosen`` terms. ``most_nats`` is the gain of the best other explanation.
+    Instruments of an out-of-model vehicle are not tested.
     """
+    model, passes = about.model, about.fisher.passes
+    records = [run.record for run in passes]
     correlation, deviate = lag_one_correlation(passes)
     seen = [] if model.out_of_model else [n for n in AR1_COEFFICIENTS if _stands_out(n, correlation, deviate)]
     # AR(1) noise explains about half the squared deviates: no fit where even twice that is too little.
     if np.nansum(deviate[[c for n in seen for c in _channels(n)]] ** 2) < most_nats:
         return None
     while seen:
-        correlated = fit_nuisances(records, model, parameters, [*chosen, *(_effect(n) for n in seen)])
+        correlated = fit_nuisances(records, model, about.parameters, [*chosen, *map(_effect, seen)])
         correlated = without_small_ar1(correlated)
         gained = _gained(passes, correlated)
         kept = [n for n in seen if n.value_in(correlated) > 0.0 and _everywhere(gained[:, _channels(n)])]
@@ -251,16 +244,15 @@ def lag_one_correlation(passes: Sequence[FilterPass]) -> tuple[Array, Array]:
     return correlation, correlation * np.sqrt(pairs)
 
 
-def _channels(nuisance: FittedParameter) -> Ints:
-    return np.flatnonzero(np.array(INSTRUMENT_OF) == nuisance.entries[0])
+def _channels(nuisance: FittedParameter) -> list[int]:
+    return list(INSTRUMENT_CHANNELS[nuisance.entries[0]])
 
 
 def _stands_out(nuisance: FittedParameter, correlation: Array, deviate: Array) -> bool:
     """Whether the noise of all channels of an instrument looks correlated. Some may look so much less than
     others, where the process noise has absorbed a part."""
-    own = _channels(nuisance)
-    own = own[np.isfinite(deviate[own])]
-    return bool(len(own) and deviate[own].min() > STANDS_OUT and correlation[own].mean() > MIN_AR1)
+    own = [channel for channel in _channels(nuisance) if np.isfinite(deviate[channel])]
+    return bool(own and deviate[own].min() > STANDS_OUT and correlation[own].mean() > MIN_AR1)
 
 
 def _effect(coefficient: FittedParameter) -> Effect:

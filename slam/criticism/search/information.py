@@ -53,8 +53,6 @@ class FisherInformation:
     """(segments,)."""
     passes: tuple[FilterPass, ...] = ()
     """Run of each flight under the parameters themselves."""
-    readings: tuple[int, ...] = ()
-    """Number of segments of readings, for each flight; one more holds its pictures."""
     shifted: FisherInformation | None = None
     """The same rows in segments that begin half a segment earlier; None where they are not known."""
 
@@ -91,6 +89,12 @@ class FisherInformation:
             self, flight=self.flight[segments], information=self.information[segments],
             score=self.score[segments], log_likelihood=self.log_likelihood[segments], shifted=None,
         )  # fmt: skip
+
+    def by_segment(self, flight: int, by_event: Array) -> Array:
+        """Return (segments of a flight,) sums of (events,) values; 0 for its pictures, which are the last."""
+        own = self.flight == flight
+        seen = int(self.passes[flight].record.matches is not None)
+        return np.pad(by_segment(by_event, int(own.sum()) - seen), (0, seen))
 
     def left_at(self, step: Array) -> Array:
         """Return (segments, p) what is left of the score at a step of all columns."""
@@ -134,7 +138,11 @@ def fisher_information(
     if changes and not plain:
         plain = in_threads(lambda record: whole(record, parameters), records)
     before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
-    weight = _variance_weight(plain)
+    # Where tails are heavy, squared innovations e^2 are less evidence of the variance: 2 over their variance.
+    weight = np.ones(len(CHANNELS))
+    for channel in range(len(CHANNELS) if plain else 0):
+        cut = np.minimum(used_innovations(plain, channel) ** 2, CUT)
+        weight[channel] = 1.0 / max(float(np.var(cut)) / 2.0, 1.0) if len(cut) else 1.0
     apart = np.array([k for k, c in enumerate(changes) if corrects_gains and c in NOISE_NUISANCES], dtype=int)
     gains = (gain_column(changes[k].name) for k in apart.tolist())
     names = *(d.name for d in perturbations), *(c.name for c in changes), *gains
@@ -164,9 +172,6 @@ def fisher_information(
         score=np.array([part.score for part in flat]),
         log_likelihood=np.array([part.log_likelihood for part in flat]),
         passes=passes,
-        readings=tuple(
-            len(flight) - (r.matches is not None) for flight, r in zip(parts, records, strict=True)
-        ),
     )
 
 
@@ -202,15 +207,3 @@ def by_segment(by_event: Array, segments: int) -> Array:
     ends = segment_bounds(len(by_event), segments)[1:]
     segment = np.searchsorted(ends, np.arange(len(by_event)), side="right")
     return np.asarray(np.bincount(segment, weights=by_event, minlength=segments), dtype=float)
-
-
-def _variance_weight(plain: Sequence[FilterPass]) -> Array:
-    """Return (channels,) the weight of squared innovations e^2, cut at ``CUT``, as evidence of the variance.
-
-    It is 2 over the variance of e^2, at most 1: less where tails are heavy. Without plain runs it is 1.
-    """
-    weight = np.ones(len(CHANNELS))
-    for channel in range(len(CHANNELS) if plain else 0):
-        cut = np.minimum(used_innovations(plain, channel) ** 2, CUT)
-        weight[channel] = 1.0 / max(float(np.var(cut)) / 2.0, 1.0) if len(cut) else 1.0
-    return weight

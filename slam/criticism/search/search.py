@@ -169,9 +169,7 @@ class _SequentialSearch:
                 records = self.records
                 if in_part := significant[0].z >= LINEAR_Z:
                     records = first_parts(records, SHORT_S)
-                best = best_candidate(
-                    records, self._model, self.expansion, self.chosen, doubtful, self._tries
-                )
+                best = best_candidate(records, self.expansion, self.chosen, doubtful, self._tries)
                 self.leads, self.rivals[best.effect.name] = {} if in_part else best.leads, best.rivals
                 self.chosen.append(best.effect)
                 return best.parameters
@@ -240,8 +238,7 @@ class _SequentialSearch:
             found = expand(self.records, self._model, parameters, self.chosen)
             beside = [found.own(c) for c in self.chosen]
             tests = found.score_tests(beside, [*found.effects, *found.patterns])
-            most_nats, passes = tests[0].nats if tests else 0.0, found.fisher.passes
-            correlated = with_ar1_noise(self.records, self._model, parameters, passes, self.chosen, most_nats)
+            correlated = with_ar1_noise(found, self.chosen, tests[0].nats if tests else 0.0)
             if correlated is not None:
                 self.records = [recoloured(record, parameters, correlated) for record in self.records]
                 found = expand(self.records, self._model, correlated, self.chosen)

@@ -19,7 +19,7 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import with_steps
-from slam.criticism.search.information import by_segment
+from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import SIZE_PRIOR
 
@@ -59,7 +59,7 @@ def held_out(found: SearchResult, without: Sequence[Effect] = ()) -> HeldOut:
     last = found.last
     base, begin = (found.first, ()) if not without else (last, tuple(without))
     part, by = parts_of(last.fisher.flight)
-    plain_nats, known_nats = _of_the_same_readings(base, last)
+    plain_nats, known_nats = _of_the_same_readings(base.fisher, last.fisher)
     of_one_alone = (last.fisher.log_likelihood - known_nats) - (base.fisher.log_likelihood - plain_nats)
     nats, fitted_by_others = [], dict[int, tuple[FilterParameters, FilterParameters]]()
     for k in np.unique(part):
@@ -100,37 +100,30 @@ def _gain_rerun(found: SearchResult, own: Mask, before: FilterParameters, after:
     Only readings that both judge count. An expansion includes the readings that were judged there. A
     touch-down that one parameter set alone judges can outweigh all others.
     """
-    gain, expansion = 0.0, found.last
-    for k in np.unique(expansion.fisher.flight[own]):
+    gain, fisher = 0.0, found.last.fisher
+    for k in np.unique(fisher.flight[own]).tolist():
         runs = [whole(found.records[k], parameters) for parameters in (before, after)]
         both = np.logical_and(*(run.status != IGNORED for run in runs))
         by_event = np.where(both, runs[1].nats - runs[0].nats, 0.0).sum(axis=1)
-        gain += float(_by_segment(expansion, int(k), by_event)[own[expansion.fisher.flight == k]].sum())
+        gain += float(fisher.by_segment(k, by_event)[own[fisher.flight == k]].sum())
     return gain
 
 
-def _by_segment(expansion: LikelihoodExpansion, flight: int, by_event: Array) -> Array:
-    """Return (segments of a flight,) sums of (events,) values; 0 for its pictures."""
-    segments = int((expansion.fisher.flight == flight).sum())
-    readings = expansion.fisher.readings[flight]
-    return np.pad(by_segment(by_event, readings), (0, segments - readings))
-
-
-def _of_the_same_readings(one: LikelihoodExpansion, other: LikelihoodExpansion) -> tuple[Array, Array]:
+def _of_the_same_readings(one: FisherInformation, other: FisherInformation) -> tuple[Array, Array]:
     """Return (segments,) log likelihoods of two expansions, without readings that either did not judge.
 
     Readings near the floor, or near the outlier gate, are judged under one parameter set and not under
     another. No reading may count in one alone.
     """
-    nats = one.fisher.log_likelihood.copy(), other.fisher.log_likelihood.copy()
+    nats = one.log_likelihood.copy(), other.log_likelihood.copy()
     if one is other:
         return nats
-    for k, runs in enumerate(zip(one.fisher.passes, other.fisher.passes, strict=True)):
+    for k, runs in enumerate(zip(one.passes, other.passes, strict=True)):
         judged = [run.status != IGNORED for run in runs]
         for side, run in enumerate(runs):
             alone = judged[side] & ~judged[1 - side]
             by_event = np.where(alone, run.nats, 0.0).sum(axis=1)
-            nats[side][one.fisher.flight == k] -= _by_segment(one, k, by_event)
+            nats[side][one.flight == k] -= one.by_segment(k, by_event)
     return nats
 
 

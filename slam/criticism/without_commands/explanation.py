@@ -211,17 +211,12 @@ def explain_comparisons(
 def search_linear(found: SearchResult) -> SearchResult:
     """Choose the significant effects, greatest first, by one expansion, without those that others replace."""
     for least_z in (ENTERS_Z, STANDS_OUT_Z):
-        found = _significant(_enlarged(found, least_z))
+        while len(found.chosen) < MOST and (best := _best(found, found.chosen, least_z)) is not None:
+            found = replace(found, chosen=(*found.chosen, best))
+        found = _significant(found)
     for effect in found.chosen:
         rest = tuple(e for e in found.chosen if e is not effect)
         found = replace(found, chosen=(*rest, _best(found, rest, STANDS_OUT_Z, effect) or effect))
-    return found
-
-
-def _enlarged(found: SearchResult, least_z: float) -> SearchResult:
-    """Return the chosen effects with those that stand out beside them by ``least_z``, one after the other."""
-    while len(found.chosen) < MOST and (best := _best(found, found.chosen, least_z)) is not None:
-        found = replace(found, chosen=(*found.chosen, best))
     return found
 
 

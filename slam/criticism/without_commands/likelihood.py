@@ -15,9 +15,9 @@ from slam.core.arrays import Array, Ints
 from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.lens import WARP_TOLERANCE, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
-from slam.criticism.camera.reprojection import reprojection_score_along
+from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, FilterParameters
-from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation
+from slam.criticism.kalman.kernel_inputs import Perturbation
 from slam.criticism.kalman.readings import SENSOR
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import LATE, Effect, is_variance
@@ -99,16 +99,13 @@ def fisher_of(
     labels, _, segment = segments_of(rows, segment_s, before_s)
     off = np.concatenate([r.off for flight in rows for r in flight])
     table = table_of(rows, columns)
-    table = np.column_stack([table, table * _minutes(rows)[:, None]])
-    names = (*columns, *(name + IN_TIME for name in columns))
-    return FisherInformation.of_rows(names, table, off, segment, labels[:, 0])
-
-
-def _minutes(rows: FlightRows) -> Array:
-    """Return (rows,) the time in minutes, 0 in the middle of each flight."""
+    # The time in minutes, 0 in the middle of each flight.
     middle_s = [np.mean([r.times_s[[0, -1]] for r in found]) if found else 0.0 for found in rows]
     each = zip(rows, middle_s, strict=True)
-    return np.concatenate([(r.times_s - at) / 60.0 for found, at in each for r in found])
+    minutes = np.concatenate([(r.times_s - at) / 60.0 for found, at in each for r in found])
+    table = np.column_stack([table, table * minutes[:, None]])
+    names = (*columns, *(name + IN_TIME for name in columns))
+    return FisherInformation.of_rows(names, table, off, segment, labels[:, 0])
 
 
 def likelihood_of(rows: FlightRows, parameters: FilterParameters) -> SearchResult:
@@ -124,7 +121,9 @@ def likelihood_of(rows: FlightRows, parameters: FilterParameters) -> SearchResul
         nuisances=(),
         clustered=True,
         effects=effects,
-        patterns=tuple(_growing(e) for e in effects if e.is_term),
+        patterns=tuple(
+            Effect(e.name + IN_TIME, tuple(map(_growing, e.perturbations))) for e in effects if e.is_term
+        ),
     )
     return SearchResult(model=parameters, first=expansion, last=expansion, chosen=())
 
@@ -146,10 +145,9 @@ def _effects(columns: Sequence[str]) -> tuple[Effect, ...]:
     )
 
 
-def _growing(effect: Effect) -> Effect:
-    """Return the error of an effect as it grows with time."""
-    growing = (Perturbation(d.name + IN_TIME, "channel", signal="time") for d in effect.perturbations)
-    return Effect(effect.name + IN_TIME, tuple(growing))
+def _growing(error: Perturbation) -> Perturbation:
+    """Return an error as it grows with time."""
+    return Perturbation(error.name + IN_TIME, "channel", signal="time")
 
 
 PICTURES = "pictures"
@@ -188,16 +186,20 @@ def picture_rows(
     at = np.array([point.get(name, 0.0) for name in PICTURE_COLUMNS])
     parameters = with_steps(parameters, point.items())
     along, perturbations = camera_path(record, matches, parameters), [*map(direction, _JUDGED)]
+    points = np.array([k for k, n in enumerate(_JUDGED) if n not in (*CAMERA[POINTS:], *PICTURE_PATTERNS)])
     number, made = segment_numbers(along.times_s, begin_s, SEGMENT_S), []
     for k in np.unique(number).tolist():
         begin, end = np.searchsorted(number, [k, k + 1]).tolist()
         if end - begin < FEWEST_PICTURES:
             continue
-        seen = reprojection_score_along(matches, parameters, along.part(begin, end), perturbations)
+        seen = reprojection_score(record, matches, parameters, perturbations, along.part(begin, end))
         if not seen.rows:
             continue
         information = seen.information + np.diag([_FAINT] * count + [std**-2.0 for std in USUAL_STD.values()])
-        over = np.sqrt(_misfit(seen, information))
+        # The ratio of squared residuals to their noise, once all that moves points is fitted.
+        score, among = seen.score[points], information[np.ix_(points, points)]
+        explained = float(score @ np.linalg.solve(among, score))
+        over = np.sqrt(max((seen.chi_square - explained) / seen.rows, 1.0))
         # Healthy differences are marginalised.
         own, rest = slice(0, count), slice(count, None)
         projected = np.linalg.solve(information[rest, rest], information[rest, own]).T
@@ -216,14 +218,6 @@ def _roots(information: Array, score: Array) -> tuple[Array, Array]:
     observed = known > LEAST_INFORMATION
     root, turned = np.sqrt(known[observed]), turned[:, observed].T
     return root[:, None] * turned * scale, turned @ (score / scale) / root
-
-
-def _misfit(seen: LikelihoodScore, information: Array) -> float:
-    """Return the ratio of squared residuals to their noise, once all that moves points is fitted."""
-    points = np.array([k for k, n in enumerate(_JUDGED) if n not in (*CAMERA[POINTS:], *PICTURE_PATTERNS)])
-    score = seen.score[points]
-    explained = float(score @ np.linalg.solve(information[np.ix_(points, points)], score))
-    return max((seen.chi_square - explained) / seen.rows, 1.0)
 
 
 def contradiction(rows: FlightRows) -> list[Remark]:

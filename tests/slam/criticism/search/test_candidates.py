@@ -22,10 +22,10 @@ def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch
 
     monkeypatch.setattr("slam.criticism.search.fitting.refit", refit)
     candidates = [Effect(name, relaxes=(name,)) for name in nats]
-    expansion = SimpleNamespace(parameters=None)
+    expansion = SimpleNamespace(model=None, parameters=None)
 
     ranked = [ScoreTest(e, nats[e.name], 12.0) for e in candidates]
-    found = best_candidate([], None, expansion, [], ranked, Tally(silent, "compare causes"))
+    found = best_candidate([], expansion, [], ranked, Tally(silent, "compare causes"))
     assert (found.effect.name, found.rivals) == ("ground_effect", ("sonar_slant",))
     leads = {other: lead for (_, other), lead in found.leads.items()}
     assert leads == pytest.approx({candidates[1].label: 30.0, candidates[2].label: 1.0})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -42,7 +43,8 @@ def asked(vehicle, most_nats=10.0, attitude=lambda angles, t: angles):
     """Return the parameters with AR(1) noise that the healthy ones lead to, or None."""
     records, model, parameters = measured(vehicle, attitude)
     passes = [whole(record, parameters) for record in records]
-    return with_ar1_noise(records, model, parameters, passes, (), most_nats)
+    about = SimpleNamespace(model=model, parameters=parameters, fisher=SimpleNamespace(passes=passes))
+    return with_ar1_noise(about, (), most_nats)
 
 
 @pytest.mark.slow
@@ -82,7 +84,7 @@ def test_a_late_sonar_explains_more_than_ar1_noise():
     expansion = expand(records, model, parameters)
     late = expansion.score_tests([], expansion.effects)[0]
     assert late.effect.name == "sonar_lag"
-    assert with_ar1_noise(records, model, parameters, expansion.fisher.passes, (), late.nats) is None
+    assert with_ar1_noise(expansion, (), late.nats) is None
 
 
 def test_one_drifting_axis_is_no_ar1_noise_of_the_instrument():

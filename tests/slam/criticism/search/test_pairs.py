@@ -44,7 +44,7 @@ def small_expansion():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("slam.criticism.search.expansion.effects_for", few)
-        patch.setattr("slam.criticism.search.expansion.pattern_directions", lambda _: [])
+        patch.setattr("slam.criticism.search.expansion.residual_patterns", lambda _: [])
         return expand(climbing(SLOWER, [3]), NOMINAL, NOMINAL)
 
 

@@ -11,7 +11,6 @@ from slam.criticism.search.effects import (
     LEVEL_SIGNALS,
     LEVEL_TARGETS,
     YAW_AT_PLACE,
-    pattern_directions,
     residual_patterns,
     signals_of,
 )
@@ -24,19 +23,17 @@ from slam.simulation.model import load_model
 def test_yaw_is_not_laid_to_a_place_that_nothing_measured():
     flight = simulate_flight(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
     blind = record_of(replace(flight, velocity=None))
-    assert any(d.name.startswith(YAW_AT_PLACE) for d in pattern_directions([record_of(flight)]))
-    assert not any(d.name.startswith(YAW_AT_PLACE) for d in pattern_directions([blind]))
+    assert any(e.name == YAW_AT_PLACE for e in residual_patterns([record_of(flight)]))
+    assert not any(e.name == YAW_AT_PLACE for e in residual_patterns([blind]))
 
 
 def test_each_direction_has_its_shape_and_level_ones_one_together():
     flight = simulate_flight(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
-    perturbations = pattern_directions([record_of(flight)])
-    assert len({d.name for d in perturbations}) == len(perturbations)
-    patterns = residual_patterns(perturbations)
-    names = {d.name for d in perturbations if not d.name.startswith(YAW_AT_PLACE)}
+    patterns = residual_patterns([record_of(flight)])
     alone = [s for s in patterns if len(s.columns) == 1]
     together = [s for s in patterns if len(s.columns) == 2]
-    assert {s.name for s in alone} == names
+    names = {s.name for s in alone}
+    assert names == {c for s in alone for c in s.columns}
     assert [s.name for s in patterns if len(s.columns) > 2] == [YAW_AT_PLACE]
     assert len(alone) + len(together) == len(patterns) - 1
     # Sticks are not led into instruments, high speeds into none but that which reads them; rates of tilts
@@ -63,7 +60,7 @@ def test_place_is_each_flights_own_and_counts_from_where_it_begins():
     np.testing.assert_allclose(signals["x of flight 1"][1], moved)
     np.testing.assert_allclose(signals["r2 of flight 1"][1], moved**2)
     assert not signals["x of flight 0"][1].any()
-    (placed,) = [s for s in residual_patterns(pattern_directions([record, record])) if s.name == YAW_AT_PLACE]
+    (placed,) = [s for s in residual_patterns([record, record]) if s.name == YAW_AT_PLACE]
     assert sorted(d.signal for d in placed.perturbations) == sorted(s for s in signals if "of flight" in s)
 
 

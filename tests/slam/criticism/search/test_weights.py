@@ -8,7 +8,7 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.search.effects import pattern_directions, signals_of
+from slam.criticism.search.effects import residual_patterns, signals_of
 from slam.criticism.search.fitted_parameters import (
     MEAN_NUISANCES,
     MEAN_PERTURBATIONS,
@@ -33,7 +33,7 @@ def seen():
     record = record_of(simulate_flight(model, stick_for(["tilts of 15 deg to all four sides"]), 50))
     parameters = filter_parameters_of(model)
     plain = whole(record, parameters)
-    patterns = [d for d in pattern_directions([record]) if d.name in BEHIND_TILT]
+    patterns = [e.perturbations[0] for e in residual_patterns([record]) if e.name in BEHIND_TILT]
     perturbations = [*MEAN_PERTURBATIONS, *patterns]
     signals = [signals_of(record, plain.states)]
     return fisher_information(

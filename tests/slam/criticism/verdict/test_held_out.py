@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -13,6 +12,7 @@ from slam.criticism.kalman.filter import IGNORED, USED
 from slam.criticism.kalman.innovations import FilterPass, whole
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.expansion import expand
+from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
 from slam.criticism.verdict.held_out import _of_the_same_readings, held_out
@@ -21,26 +21,12 @@ from slam.simulation.healthy.manoeuvres import stick_for
 from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
 
-@dataclass
-class FisherInformation:
-    log_likelihood: np.ndarray
-    flight: np.ndarray
-    readings: tuple
-    passes: tuple
-
-
-@dataclass
-class LikelihoodExpansion:
-    fisher: FisherInformation
-
-
-def expansion(run, pieces, shown=0.0):
+def fisher(run, pieces, shown):
     """A look at one flight whose segments are its events in equal parts, pictures last."""
     bounds = np.linspace(0, len(run.status), pieces + 1).astype(int)
-    nats = [run.nats[a:b].sum() for a, b in pairwise(bounds)]
-    return LikelihoodExpansion(
-        FisherInformation(np.array([*nats, shown]), np.zeros(pieces + 1, dtype=int), (pieces,), (run,))
-    )
+    nats = np.array([*(run.nats[a:b].sum() for a, b in pairwise(bounds)), shown])
+    nothing = np.zeros((pieces + 1, 0))
+    return FisherInformation((), np.zeros(pieces + 1, dtype=int), nothing, nothing, nats, (run,))
 
 
 def test_a_reading_that_one_parameter_set_ignores_counts_in_neither():
@@ -50,9 +36,11 @@ def test_a_reading_that_one_parameter_set_ignores_counts_in_neither():
     fewer = status.copy()
     fewer[10:20, 3:] = IGNORED
     missing = np.where(fewer == USED, white, np.nan), np.where(fewer == USED, log_variance, np.nan)
-    states = np.zeros((60, 11))
-    every, part = (FilterPass(None, *of, states) for of in ((white, log_variance, status), (*missing, fewer)))
-    one, other = _of_the_same_readings(expansion(every, 3, 7.0), expansion(part, 3, 5.0))
+    states, record = np.zeros((60, 11)), SimpleNamespace(matches=True)
+    every, part = (
+        FilterPass(record, *of, states) for of in ((white, log_variance, status), (*missing, fewer))
+    )
+    one, other = _of_the_same_readings(fisher(every, 3, 7.0), fisher(part, 3, 5.0))
     np.testing.assert_allclose(one[:3], other[:3])
     assert (one[3], other[3]) == (7.0, 5.0)
 
@@ -75,7 +63,7 @@ def short_sonar():
 
 def one_more(base, last):
     """A reading of the first flight that only the parameters with the term use, with a large residual."""
-    nats = base.fisher.log_likelihood.copy(), last.fisher.log_likelihood.copy()
+    nats = base.log_likelihood.copy(), last.log_likelihood.copy()
     nats[1][0] += 30.0
     return nats
 
@@ -86,7 +74,7 @@ def test_one_of_two_flights_whose_parameter_sets_use_different_readings_is_filte
     monkeypatch.setattr(
         f"{module}.effects_for", lambda *a: [e for e in effects_for(*a) if e.name == "sonar_bias"]
     )
-    monkeypatch.setattr(f"{module}.pattern_directions", lambda _: [])
+    monkeypatch.setattr(f"{module}.residual_patterns", lambda _: [])
     records = flown(PLANS[:2])
     look = expand(records, NOMINAL, NOMINAL)
     (term,) = (e for e in look.effects if e.name == "sonar_bias")
