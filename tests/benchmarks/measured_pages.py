@@ -14,7 +14,6 @@ from slam.core.flight import Flight
 from slam.core.units import spaced
 from slam.criticism import Criticism, criticise
 from slam.criticism.cause import Gain, Interval
-from slam.criticism.verdict.power import within_reach
 from slam.data_quality.commands import has_commands
 from slam.io.flight_folder import read_flight
 from slam.report.criticism.gains import gain_rows
@@ -186,7 +185,7 @@ def _unseen(home: Path, study: Study, found: Criticism) -> list[str]:
 
 
 def _silent(found: Criticism) -> list[str]:
-    usual = within_reach(found.detectable)
+    usual = found.within_reach
     sizes = [
         f"{name} of {size:.2g} {'' if unit == '1' else unit}".strip()
         for name, (size, unit) in found.detectable.items()

@@ -6,8 +6,8 @@ effects of all changes of the noise. The rest is algebra on the Fisher informati
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -25,15 +25,19 @@ from slam.criticism.search.effects import (
     residual_patterns,
     signals_of,
 )
-from slam.criticism.search.fitted_parameters import MEAN_PERTURBATIONS, NOISE_NUISANCES, fitted_parameter
+from slam.criticism.search.fitted_parameters import AT, MEAN_PERTURBATIONS, NOISE_NUISANCES, fitted_parameter
 from slam.criticism.search.information import fisher_information
-from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood
+from slam.criticism.search.quadratic_likelihood import NINE_OF_TEN, SEEN, Maximum, QuadraticLikelihood
 from slam.criticism.search.thresholds import Thresholds
 from slam.simulation.terms import CATALOGUE
 
 NAMED_FIRST = 0.8
 """Share of its nats that counts for a constant out of its range or a delayed reading, which must explain more
 than a term of the catalogue."""
+CONFUSED = 0.9
+CORRELATION_DIGITS = 4
+LEAST_SHARE = 1e-6
+"""Least share of a column's information that the nuisances must leave for it to be seen."""
 ONE_CLASS = 0.95
 """Correlation beyond which two terms are alternatives."""
 
@@ -156,6 +160,52 @@ class LikelihoodExpansion(QuadraticLikelihood):
         alone = min(self.score_tests([], [e])[0].z for e in two)
         beside = min(self.score_tests([one], [other])[0].z, self.score_tests([other], [one])[0].z)
         return alone < limits.effects <= beside and together.z >= limits.pairs
+
+    def detectable(self, threshold: float) -> dict[str, tuple[float, str]]:
+        """Return the smallest size of each term that nine of ten cases would have shown, and its unit."""
+        found: dict[str, tuple[float, str]] = {}
+        for effect in self.effects:
+            if not effect.is_term or effect.is_profiled:
+                continue
+            sizes = self.shown_sizes(effect, threshold)
+            # The component of a vector that shows least decides.
+            k = int(np.argmax(sizes))
+            size = float(sizes[k])
+            value, neutral = (effect.in_catalogue_units(k, x, self.parameters) for x in (size, 0.0))
+            value = abs(value - neutral)
+            parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
+            if np.isfinite(value) and value < 10 * max(abs(parameter.most), abs(parameter.least)):
+                kept = found.get(effect.name)
+                found[effect.name] = (min(value, kept[0]) if kept else value), parameter.unit
+        tried = [e for e in self.effects if e.is_saturation and e.is_profiled]
+        variances = [self.fitted(e, self.maximise([e]))[1][0, 0] for e in tried]
+        each = zip(tried, variances, strict=True)
+        stands_out = [e for e, variance in each if variance**-0.5 > threshold + NINE_OF_TEN]
+        shown = [(float(e.columns[0].partition(AT)[2]), e.name) for e in stands_out]
+        # The highest limit that shows is the smallest effect.
+        return found | {name: (limit, "rad") for limit, name in sorted(shown)}
+
+    def confusable(self) -> tuple[tuple[str, str, float], ...]:
+        """Return pairs of terms whose sensitivities, without the nuisances, correlate beyond ``CONFUSED``."""
+        # Without a score every nuisance stays in its range, so that its prior alone holds it.
+        fisher = replace(self.fisher, score=np.zeros_like(self.fisher.score))
+        flat = replace(self, fisher=fisher)
+        seen: dict[str, Effect] = {}
+        for effect in self.effects:
+            if not effect.is_term or effect.is_profiled or effect.relaxes or effect.name in seen:
+                continue
+            _, covariance = flat.maximise([effect]).of(effect.columns, white=True)
+            information = np.diag(flat.information)[flat.index(effect.columns)]
+            left = np.diag(np.linalg.inv(covariance))
+            if ((information > SEEN) & (left > LEAST_SHARE * information)).all():
+                seen[effect.name] = effect
+        pairs = [(a, b, flat.correlation(seen[a], seen[b])) for a, b in combinations(sorted(seen), 2)]
+        return most_alike_first(p for p in pairs if p[2] > CONFUSED)
+
+
+def most_alike_first(pairs: Iterable[tuple[str, str, float]]) -> tuple[tuple[str, str, float], ...]:
+    """Sort pairs by their correlation as told, equal ones by name: rounding errors change no order."""
+    return tuple(sorted(pairs, key=lambda pair: (-round(pair[2], CORRELATION_DIGITS), pair[:2])))
 
 
 def expand(

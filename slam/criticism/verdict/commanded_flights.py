@@ -11,11 +11,12 @@ from scipy.special import ndtr
 
 from slam.core.arrays import Array
 from slam.core.progress import Progress, Tally
+from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import Cause, Interval
 from slam.criticism.extended import extended_model, with_certainty, with_terms
 from slam.criticism.finding import NameInDoubt
 from slam.criticism.kalman.filter import OUTLIER, USED
-from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.filter_parameters import POINTS, FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, used_innovations
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, RANGE
 from slam.criticism.next_flight import next_flight
@@ -25,14 +26,12 @@ from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.search.fitting import lag_one_correlation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism
-from slam.criticism.verdict.decision import causes_of, confirmed_terms, errors_of, rollout_probability
-from slam.criticism.verdict.held_out import HeldOut, fitted_parameters, held_out
+from slam.criticism.verdict.held_out import HeldOut, confirmed_terms, fitted_parameters, held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
 from slam.criticism.verdict.over_time import changing_sizes, contradictions
 from slam.criticism.verdict.posterior import likeliest, posterior_of
-from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
-from slam.criticism.verdict.rollouts import covariate
+from slam.criticism.verdict.rollouts import covariate, rollout_errors
 from slam.criticism.verdict.sentence import unusable
 from slam.data_quality.finding import Finding, Remark
 from slam.data_quality.oscillation import FEWEST, Vibration, common_line
@@ -67,7 +66,7 @@ def explain(
     if reported is not found:
         posterior = posterior_of(reported, refuted)
     if best is not None:
-        known = {e.name: rollout_probability(best, e) for e in reported.chosen}
+        known = {e.name: best.probability(e) for e in reported.chosen}
         posterior = posterior.raised(known, reported.rivals)
     anomalies = [*prepared.anomalies, *reading_anomalies(reported.last.fisher.passes)]
     return CommandedFlights(
@@ -83,8 +82,6 @@ class CommandedFlights(Evidence):
 
     parameters: FilterParameters
     """Filter parameters with the chosen causes in them."""
-    best: RolloutFit | None
-    """Sizes by roll-outs for an out-of-model vehicle, else None."""
     dropped: tuple[str, ...]
     """Flights, streams and pictures that are not judged, with the reason, one line each."""
 
@@ -102,8 +99,13 @@ class CommandedFlights(Evidence):
         with self._rolled_out.part():
             if self._together is None:
                 return ()
-            errors = errors_of(self.found, self._together, self.best)
-            return causes_of(self.found, self.posterior, self._together, errors, self.best)
+            records, after = self.found.records, self._together.after
+            fitted_by_others = self._together.before, after if self.best is None else self.best.left_out
+            errors = rollout_errors(records, *fitted_by_others)
+            perturbations = [d for e in self.found.chosen if e.is_term for d in e.perturbations]
+            if any(d.kind == "camera" and d.entry < POINTS for d in perturbations):
+                errors = (*errors, *reprojection_errors(records, *fitted_by_others))
+            return self.causes_of(self._together, errors)
 
     def findings(self, judged: JudgedCauses) -> Sequence[Finding]:
         """Return what no cause explains, residual patterns excepted."""
@@ -121,7 +123,7 @@ class CommandedFlights(Evidence):
 
     def completed(self, found: Criticism) -> Criticism:
         """Return the criticism with flight, model, tables; ``unusable`` where next to nothing could show."""
-        shown = list(within_reach(found.detectable))
+        shown = list(found.within_reach)
         found = replace(found, flights=tuple(record.name for record in self.found.records))
         if found.verdict == "nothing_wrong" and len(shown) < FEWEST_SHOWN:
             reasons = untested_reasons(self.found.records, shown)

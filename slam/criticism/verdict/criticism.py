@@ -10,12 +10,13 @@ import numpy as np
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import ResidualPattern
+from slam.criticism.search.expansion import CORRELATION_DIGITS
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.criticism.verdict.rollouts import Covariate
 from slam.data_quality.finding import Finding
 from slam.simulation.model import Model
+from slam.simulation.terms import CATALOGUE
 
-CORRELATION_DIGITS = 4
 Verdict = Literal["nothing_wrong", "named", "ambiguous", "named_with_remainder", "unknown", "unusable"]
 
 
@@ -109,6 +110,20 @@ class Criticism:
     def remainder(self) -> str:
         """Text of all findings."""
         return "; ".join(map(str, self.findings))
+
+    @property
+    def within_reach(self) -> dict[str, float]:
+        """Terms that would have shown at a usual size, the most sharply tested first.
+
+        Each has its smallest size as a share of the greatest usual one.
+        """
+        shares = {}
+        for name, (size, unit) in self.detectable.items():
+            sizes = [p for p in CATALOGUE[name].parameters if p.unit == unit]
+            usual = max(max(abs(p.low - p.neutral), abs(p.high - p.neutral)) for p in sizes)
+            # The lower a limit, the greater is its effect.
+            shares[name] = sizes[0].low / size if sizes[0].is_limit else size / usual
+        return dict(sorted((item for item in shares.items() if item[1] <= 1.0), key=lambda item: item[1]))
 
     def probability_of(self, name: str) -> float:
         """Return the posterior probability of a term: that of a cause, or else that in the ranking."""

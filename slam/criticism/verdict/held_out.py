@@ -8,7 +8,7 @@ averaged over the uncertainty of the others: where they do not show an effect, i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,10 @@ from slam.criticism.search.thresholds import SIZE_PRIOR
 
 FEWEST_FLIGHTS = 3
 PATTERN_KINDS = ("channel", "force", "picture")
+CONFIRMED_NATS = 2.0
+"""Least gain on held-out flights that confirms a term."""
+PLAIN_Z = 8.0
+"""Least z that chance does not reach; the term stays without confirmation by held-out flights."""
 ALONE_NATS = 0.5
 """Nats of readings that only one of two parameter sets judges, beyond which the flights are run anew."""
 
@@ -141,3 +145,25 @@ def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Eff
 def fitted_parameters(found: SearchResult, effects: Sequence[Effect]) -> FilterParameters:
     """Return the most probable parameters with some effects at the last expansion."""
     return with_step(found.last, found.last.maximise(effects).whole, effects)
+
+
+def confirmed_terms(found: SearchResult) -> SearchResult:
+    """Return the search without terms that held-out flights do not confirm beside the others, weakest first.
+
+    A highly significant term stays, confirmed or not: something is there. Without any term the expansion is
+    that of the healthy vehicle.
+    """
+    chosen = list(found.chosen)
+    while any(e.is_term for e in chosen):
+        gains = []
+        tried = replace(found, chosen=tuple(chosen))
+        for effect in (e for e in chosen if e.is_term):
+            rest = [e for e in chosen if e is not effect]
+            # No expansion about parameters with a saturation can test it beside others.
+            if not (effect.is_saturation and rest) and tried.z_of(effect) < PLAIN_Z:
+                gains.append((held_out(tried, rest).total, effect))
+        least = min(gains, key=lambda g: g[0], default=(np.inf, None))
+        if least[0] >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
+            break
+        chosen = [e for e in chosen if e is not least[1]]
+    return replace(found, last=found.last if chosen else found.first, chosen=tuple(chosen))

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import expit
 
 from frontend.cores import in_threads
 from slam.core.arrays import Array
@@ -62,6 +63,10 @@ class RolloutFit:
     """Term -> gain in each flight, predicted from the others."""
     unhealthy: tuple[OutOfRange, ...] = ()
     """The vehicle's constants that are not healthy, or would not be but for a term."""
+
+    def probability(self, effect: Effect) -> float:
+        """Return the probability of a term, its alternatives among them, by held-out roll-outs."""
+        return float(expit(sum(self.nats.get(effect.name, ())) - required_nats(effect)))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from slam.core.names import enumerated
 from slam.core.units import everyday, sized
 from slam.criticism.cause import FAINT, LIKELY, NOT_AHEAD_S, SURE, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
-from slam.criticism.verdict.power import within_reach
 from slam.simulation.terms import CATALOGUE
 
 MOST_SENTENCES = 3
@@ -71,7 +70,7 @@ def flight_after(found: Criticism) -> str:
 
 def _flight_for(found: Criticism) -> str:
     """Return the manoeuvres that show effects alike, or, of a sound vehicle, effects that were missed."""
-    sound, reached = found.verdict == "nothing_wrong", within_reach(found.detectable)
+    sound, reached = found.verdict == "nothing_wrong", found.within_reach
     open_ = [c.name for c in found.causes if c.probability < SURE]
     open_ = open_ if len(found.equivalence_set) < 2 else [*found.equivalence_set]
     unsure = [n for n in found.detectable if n not in reached] if sound else open_
@@ -83,7 +82,7 @@ def headline(found: Criticism) -> str:
     """Return at most three short sentences: the finding, then gain, what is unexplained and the limits."""
     match found.verdict:
         case "nothing_wrong":
-            first, seen = "The flights show no error of the model.", len(within_reach(found.detectable))
+            first, seen = "The flights show no error of the model.", len(found.within_reach)
             gain = f"They would have shown {seen} of {len(CATALOGUE)} effects at their usual sizes."
         case "unknown":
             first = _unknown(found)
@@ -122,7 +121,7 @@ def indistinguishable(found: Criticism) -> list[str]:
 
 def smallest_sizes(found: Criticism) -> list[str]:
     """Return a sentence on what flights without an error would have shown; none for another verdict."""
-    seen = within_reach(found.detectable) if found.verdict == "nothing_wrong" else ()
+    seen = found.within_reach if found.verdict == "nothing_wrong" else ()
     sizes = ", ".join(f"{name} {sized(*found.detectable[name], digits=2)}" for name in _one_a_family(seen))
     return [f"Smallest sizes that nine of ten such flights would have shown: {sizes}."] if sizes else []
 

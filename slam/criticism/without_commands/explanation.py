@@ -26,8 +26,7 @@ from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
-from slam.criticism.verdict.held_out import held_out
+from slam.criticism.verdict.held_out import CONFIRMED_NATS, held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
 from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Parts, SizeOverTime, onset
 from slam.criticism.verdict.posterior import doubtful_components, posterior_of, required_nats
@@ -112,7 +111,7 @@ class ComparedFlights(Evidence):
         each = zip(np.unique(found.last.fisher.flight), together.before, together.after, strict=True)
         seen = [(known, *of) for k, *of in each if (known := self.sensors.records[k]) is not None]
         errors += reprojection_errors(*zip(*seen, strict=True)) if seen else ()
-        causes = causes_of(found, self.posterior, together, errors)
+        causes = self.causes_of(together, errors)
         return tuple(with_varying_sizes(cause, self._varying) for cause in causes)
 
     def findings(self, judged: JudgedCauses) -> Sequence[Finding]:

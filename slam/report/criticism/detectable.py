@@ -55,9 +55,7 @@ class DetectableRow:
 def detectable_rows(result: Criticism, flights: Sequence[Flight] = ()) -> list[DetectableRow]:
     """Return the smallest visible size of each effect beside the usual one, with the manoeuvre that shows a
     smaller one."""
-    from slam.criticism.verdict.power import within_reach
-
-    judged, reached = judged_of(result, flights), within_reach(result.detectable)
+    judged, reached = judged_of(result, flights), result.within_reach
     found = {c.name: FOUND if is_established(c, result) else UNCERTAIN for c in result.causes}
     doubles = {other for c in result.causes for other in c.alternatives}
     doubles |= {c.fair_rival for c in result.causes if likeness_of_rival(c, result)}
@@ -128,9 +126,7 @@ def _without_effects(line: str) -> str:
 
 def _unseen(result: Criticism) -> list[str]:
     """Return the effects that were neither found nor would have shown at their usual sizes."""
-    from slam.criticism.verdict.power import within_reach
-
-    reached, found = within_reach(result.detectable), {cause.name for cause in result.causes}
+    reached, found = result.within_reach, {cause.name for cause in result.causes}
     return [name for name in CATALOGUE if name not in reached and name not in found]
 
 

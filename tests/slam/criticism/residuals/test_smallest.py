@@ -18,7 +18,6 @@ from slam.criticism.residuals.reading_anomalies import (
     without_dead_zone,
 )
 from slam.criticism.search.expansion import expand
-from slam.criticism.verdict.power import detectable
 from slam.data_quality.lost_pictures import LOST_NATS, LostPictures
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
@@ -85,7 +84,7 @@ def test_a_limit_of_the_tilt_that_would_show_does():
         record = referred(record_of(simulate_flight(model, stick_for(plan), seed, maker=nominal)), parameters)
         return expand([record], parameters, parameters)
 
-    limit, unit = detectable(seen(nominal, 3), 3.7)["tilt_limit"]
+    limit, unit = seen(nominal, 3).detectable(3.7)["tilt_limit"]
     assert unit == "rad"
     assert 0.1 < limit < 0.4 * 0.5236
     expansion = seen(nominal.with_term("tilt_limit", limit=limit), 3)

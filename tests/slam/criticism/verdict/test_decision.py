@@ -12,21 +12,21 @@ from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
 from slam.criticism.finding import ResidualPattern
 from slam.criticism.kalman.kernel_inputs import Perturbation
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.expansion import ScoreTest
+from slam.criticism.search.expansion import ScoreTest, most_alike_first
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import load_thresholds
-from slam.criticism.verdict import decision, judge, posterior
+from slam.criticism.verdict import held_out, judge, posterior
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.verdict.decision import (
+from slam.criticism.verdict.held_out import confirmed_terms
+from slam.criticism.verdict.judge import (
     by_importance,
-    confirmed_terms,
     decide,
     is_unknown,
     left_over,
+    ranking,
     split_by_probability,
 )
-from slam.criticism.verdict.judge import ranking
 from slam.criticism.verdict.posterior import (
     NOTHING,
     SOMETHING_ELSE,
@@ -37,7 +37,6 @@ from slam.criticism.verdict.posterior import (
     posterior_of,
     probabilities,
 )
-from slam.criticism.verdict.power import most_alike_first
 from slam.data_quality.finding import Remark
 from slam.simulation.terms import CATALOGUE
 
@@ -330,7 +329,7 @@ def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatc
     limit = Effect("tilt_limit", relaxes=("tilt_limit.limit",))
     faint = SimpleNamespace(effects=(limit,), score_tests=lambda rest, among: [SimpleNamespace(z=4.0)])
     for total, chosen in ((-178.0, ()), (12.0, (limit,))):
-        monkeypatch.setattr(decision, "held_out", lambda *of, total=total: SimpleNamespace(total=total))
+        monkeypatch.setattr(held_out, "held_out", lambda *of, total=total: SimpleNamespace(total=total))
         found = SearchResult(model=None, first=faint, last="last", chosen=(limit,))
         assert confirmed_terms(found).chosen == chosen
 

@@ -12,7 +12,7 @@ from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.record import record_of
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
-from slam.criticism.verdict.decision import left_over
+from slam.criticism.verdict.judge import left_over
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, posterior_of
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for

@@ -12,7 +12,6 @@ import pytest
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import NameInDoubt, OutOfRange, ResidualPattern
 from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
-from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.sentence import CHECK, details, headline, unusable, what_to_do, with_sentences
 from slam.simulation.terms import CATALOGUE
 
@@ -217,7 +216,7 @@ def test_a_gain_that_no_reader_could_see_is_none():
 def test_only_what_shows_at_a_usual_size_counts_as_tested():
     seen = {"trim_offset": (0.02, "rad"), "attitude_lag": (2.5, "s"), "quadratic_drag": (0.024, "1/m")}
     seen |= {"sonar_scale": (0.038, "1")}
-    shares = within_reach(seen)
+    shares = Criticism("nothing_wrong", detectable=seen).within_reach
     # Three degrees of trim, 0.3 /m of drag and 5 % of scale are usual; a lag of 2.5 s never is.
     assert shares == pytest.approx(
         {"quadratic_drag": 0.08, "trim_offset": 0.382, "sonar_scale": 0.76}, rel=0.01
