@@ -58,18 +58,11 @@ class SearchResult:
     records: tuple[Record, ...] = ()
     """The flights as expanded: with reference runs under the AR(1) noise that was found."""
 
-    def without(self, effect: Effect) -> tuple[LikelihoodExpansion, list[Effect]]:
-        """Return the expansion that describes the flights without a chosen effect, and the effects beside it.
-
-        Without a saturation this is the first one, with no effect.
-        """
-        if effect.is_saturation:
-            return self.first, []
-        return self.last, [e for e in self.chosen if e is not effect]
-
     def in_place(self, effect: Effect, name: str) -> list[ScoreTest]:
         """Return tests of a term in place of a chosen effect, by the way that explains most first."""
-        expansion, beside = self.without(effect)
+        expansion, beside = self.last, [e for e in self.chosen if e is not effect]
+        if effect.is_saturation:  # only the first expansion describes the flights without it
+            expansion, beside = self.first, []
         return expansion.score_tests(beside, [e for e in expansion.effects if e.name == name])
 
     def z_of(self, effect: Effect) -> float:
