@@ -232,24 +232,21 @@ def reprojection_errors(
     seen = [k for k, record in enumerate(records) if record.matches is not None]
     if not seen:
         return ()
+
+    def square_px(it: tuple[int, FilterParameters]) -> tuple[float, int]:
+        """Return the mean square error of one coordinate of a match, and the number of coordinates."""
+        record, matches = records[it[0]], records[it[0]].matches
+        assert matches is not None
+        found = reprojection_score(record, matches, it[1], ())
+        # Residuals are weighed by their own noise, which differs little from match to match.
+        return found.chi_square / max(found.rows, 1) * float(np.mean(matches.std_px**2)), found.rows
+
     tried = [(k, side[k]) for side in (before, after) for k in seen]
-    squares, count = np.reshape(
-        in_threads(lambda it: _square_px(records[it[0]], it[1]), tried), (2, len(seen), 2)
-    ).T
+    squares, count = np.reshape(in_threads(square_px, tried), (2, len(seen), 2)).T
     if not count.any(axis=0).all():
         return ()
     rms = np.sqrt(np.average(squares, axis=0, weights=count)).tolist()
     return (ChannelError("reprojection", "px", NOT_AHEAD_S, *rms),)
-
-
-def _square_px(record: Record, parameters: FilterParameters) -> tuple[float, int]:
-    """Return the mean square error of one coordinate of a match, and the number of coordinates."""
-    matches = record.matches
-    assert matches is not None
-    found = reprojection_score(record, matches, parameters, ())
-    # Residuals are weighed by their own noise, which differs little from match to match.
-    noise = float(np.mean(matches.std_px**2))
-    return found.chi_square / max(found.rows, 1) * noise, found.rows
 
 
 def without_mismatched_pairs(record: Record, parameters: FilterParameters) -> tuple[Record, str]:

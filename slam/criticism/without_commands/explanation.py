@@ -22,7 +22,7 @@ from slam.criticism.extended import with_certainty, with_terms
 from slam.criticism.finding import NameInDoubt, Onset
 from slam.criticism.next_flight import next_motion
 from slam.criticism.search.effects import LATE, Effect
-from slam.criticism.search.information import SEGMENT_S, FisherInformation
+from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
 from slam.criticism.verdict.criticism import Criticism
@@ -32,7 +32,6 @@ from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Parts, SizeOv
 from slam.criticism.verdict.posterior import doubtful_components, posterior_of, required_nats
 from slam.criticism.verdict.rollouts import Covariate, covariate_of
 from slam.criticism.without_commands.likelihood import (
-    columns_of,
     contradiction,
     fisher_of,
     likelihood_of,
@@ -80,26 +79,22 @@ class ComparedFlights(Evidence):
         """Wrong axes, and descriptions of those that no flight shows."""
         return axes_of_all(self.flights)
 
-    @cached_property
-    def _parts(self) -> Parts:
-        """The rows in parts of some seconds."""
-        return self._in_parts(fisher_of(self.rows, columns_of(self.rows), PART_S), PART_S)
-
-    def _in_parts(self, fisher: FisherInformation, part_s: float) -> Parts:
-        begin_s = segments_of(self.rows, part_s)[1]
-        return Parts(fisher, [flight.name for flight in self.flights], begin_s, part_s)
+    def _parts(self, part_s: float) -> Parts:
+        """Return the rows in parts of some seconds."""
+        begin_s, names = segments_of(self.rows, part_s)[1], [flight.name for flight in self.flights]
+        return Parts(fisher_of(self.rows, part_s), names, begin_s, part_s)
 
     @cached_property
     def _varying(self) -> list[SizeOverTime]:
         """Sizes of the chosen terms that vary between segments by half of themselves."""
-        found, chosen, fisher = self.found.last, self.found.chosen, self.found.last.fisher
-        parts, step = self._in_parts(fisher, SEGMENT_S), found.maximise(chosen).whole
+        found, chosen, parts = self.found.last, self.found.chosen, self._parts(SEGMENT_S)
+        step = found.maximise(chosen).whole
         each = (parts.sizes_over_time(e, step, found.parameters) for e in chosen if e.is_term)
         return [series for of_effect in each for series in of_effect if series.varies]
 
     @cached_property
     def _onset(self) -> Onset | None:
-        return onset(self.found, self._parts)
+        return onset(self.found, self._parts(PART_S))
 
     def causes(self) -> tuple[Cause, ...]:
         """Return the chosen terms as causes, with errors without them and with the sizes by other parts."""
@@ -165,7 +160,7 @@ class ComparedFlights(Evidence):
         effect = next(e for e in found.last.effects if begun.column in e.columns)
         beside = [*(e for e in found.chosen if not e.repeats(effect)), effect]
         step = found.last.maximise(beside).whole
-        finer = self._parts.sizes_over_time(effect, step, found.last.parameters)
+        finer = self._parts(PART_S).sizes_over_time(effect, step, found.last.parameters)
         others = [s for s in self._varying if (s.effect, s.parameter) != (begun.effect, begun.parameter)]
         return (*others, *(s for s in finer if s.parameter == begun.parameter))
 

@@ -92,11 +92,9 @@ def segments_of(rows: FlightRows, segment_s: float, before_s: float = 0.0) -> tu
     return labels, begin_s[labels[:, 0]] + segment_s * labels[:, 1], segment
 
 
-def fisher_of(
-    rows: FlightRows, columns: Sequence[str], segment_s: float = SEGMENT_S, before_s: float = 0.0
-) -> FisherInformation:
+def fisher_of(rows: FlightRows, segment_s: float = SEGMENT_S, before_s: float = 0.0) -> FisherInformation:
     """Return score and information of the rows' columns, and of each once more as it grows with time."""
-    labels, _, segment = segments_of(rows, segment_s, before_s)
+    columns, (labels, _, segment) = columns_of(rows), segments_of(rows, segment_s, before_s)
     off = np.concatenate([r.off for flight in rows for r in flight])
     table = table_of(rows, columns)
     # The time in minutes, 0 in the middle of each flight.
@@ -110,10 +108,8 @@ def fisher_of(
 
 def likelihood_of(rows: FlightRows, parameters: FilterParameters) -> SearchResult:
     """Return the likelihood of the rows with every effect, before any is chosen."""
-    columns = columns_of(rows)
-    shifted = fisher_of(rows, columns, before_s=0.5 * SEGMENT_S)
-    fisher = replace(fisher_of(rows, columns), shifted=shifted)
-    effects = _effects(columns)
+    effects = _effects(columns_of(rows))
+    fisher = replace(fisher_of(rows), shifted=fisher_of(rows, before_s=0.5 * SEGMENT_S))
     expansion = LikelihoodExpansion(
         fisher=fisher,
         parameters=parameters,
