@@ -12,10 +12,8 @@ from itertools import combinations
 
 import numpy as np
 
-from frontend.cores import in_threads
 from slam.criticism.finding import ImplausibleSize
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import (
     Effect,
@@ -23,7 +21,6 @@ from slam.criticism.search.effects import (
     effects_for,
     relaxed_nuisances,
     residual_patterns,
-    signals_of,
 )
 from slam.criticism.search.fitted_parameters import AT, MEAN_PERTURBATIONS, NOISE_NUISANCES, fitted_parameter
 from slam.criticism.search.information import fisher_information
@@ -215,9 +212,6 @@ def expand(
     chosen: Sequence[Effect] = (),
 ) -> LikelihoodExpansion:
     """Expand the likelihood with every perturbation and noise change, in one pass over the flights."""
-    plain = in_threads(lambda record: whole(record, parameters), records)
-    both = zip(records, plain, strict=True)
-    signals = [signals_of(record, run.states, k, len(records)) for k, (record, run) in enumerate(both)]
     current = [effect.free for effect in chosen if not effect.relaxes]
     labels = {effect.label for effect in current}
     effects = [e for e in effects_for(records, parameters) if e.label not in labels] + current
@@ -227,7 +221,7 @@ def expand(
     own = dict.fromkeys(d for pattern in patterns for d in pattern.perturbations)
     perturbations = [*MEAN_PERTURBATIONS, *moved, *own]
     changes = [*NOISE_NUISANCES, *(c for e in effects for c in e.changes)]
-    fisher = fisher_information(records, parameters, perturbations, changes, signals, plain, True)
+    fisher = fisher_information(records, parameters, perturbations, changes, in_full=True)
     # A value of a grid is tried only where the parameters hold none.
     tried = [
         fitted_parameter(c) for e in effects if not e.is_profiled for c in e.columns if c not in e.relaxes

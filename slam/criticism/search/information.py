@@ -21,9 +21,10 @@ from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, Run, segment_bounds, used_innovations, whole
-from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation, Signal
+from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
+from slam.criticism.search.effects import signals_of
 from slam.criticism.search.fitted_parameters import NOISE_NUISANCES, FittedParameter, gain_column
 
 CUT = 9.0
@@ -122,28 +123,22 @@ class FisherInformation:
 
 
 def fisher_information(
-    records: Sequence[Record],
-    parameters: FilterParameters,
-    perturbations: Sequence[Perturbation],
-    changes: Sequence[FittedParameter],
-    signals: Sequence[dict[str, Signal]] | None = None,
-    plain: Sequence[FilterPass] = (),
-    corrects_gains: bool = False,
-) -> FisherInformation:
+    records: Sequence[Record], parameters: FilterParameters, perturbations: Sequence[Perturbation],
+    changes: Sequence[FittedParameter], in_full: bool = False,
+) -> FisherInformation:  # fmt: skip
     """Run the filter over the flights once, with all perturbations and all changes of the noise.
 
-    ``plain`` are runs under ``parameters``, where they are known already. With ``corrects_gains`` each noise
-    nuisance adds one column, named by ``gain_column``: its effect on the mean.
+    ``in_full``: perturbations may inject the signals of ``signals_of``, and each noise nuisance adds one
+    column, named by ``gain_column``: its effect on the mean.
     """
-    if changes and not plain:
-        plain = in_threads(lambda record: whole(record, parameters), records)
+    plain = in_threads(lambda record: whole(record, parameters), records) if changes else []
     before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
     # Where tails are heavy, squared innovations e^2 are less evidence of the variance: 2 over their variance.
     weight = np.ones(len(CHANNELS))
     for channel in range(len(CHANNELS) if plain else 0):
         cut = np.minimum(used_innovations(plain, channel) ** 2, CUT)
         weight[channel] = 1.0 / max(float(np.var(cut)) / 2.0, 1.0) if len(cut) else 1.0
-    apart = np.array([k for k, c in enumerate(changes) if corrects_gains and c in NOISE_NUISANCES], dtype=int)
+    apart = np.array([k for k, c in enumerate(changes) if in_full and c in NOISE_NUISANCES], dtype=int)
     gains = (gain_column(changes[k].name) for k in apart.tolist())
     names = *(d.name for d in perturbations), *(c.name for c in changes), *gains
 
@@ -153,7 +148,8 @@ def fisher_information(
         changed = [
             c.stepped(parameters, step) for c, step in zip(changes, steps, strict=True) if step < np.inf
         ]
-        run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None, changed)
+        signals = signals_of(records[k], plain[k].states, k, len(records)) if in_full else {}
+        run = Run(records[k], parameters, perturbations, signals, changed)
         terms, passed = list(_segment_terms(run, steps, apart, weight)), run.passed()
         nats = by_segment(passed.nats.sum(axis=1), len(terms)).tolist()
         parts = [replace(part, log_likelihood=x) for part, x in zip(terms, nats, strict=True)]

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.search.effects import residual_patterns, signals_of
+from slam.criticism.search.effects import residual_patterns
 from slam.criticism.search.fitted_parameters import (
     MEAN_NUISANCES,
     MEAN_PERTURBATIONS,
@@ -32,13 +31,9 @@ def seen():
     model = at_lower_rates(load_model("nominal"))
     record = record_of(simulate_flight(model, stick_for(["tilts of 15 deg to all four sides"]), 50))
     parameters = filter_parameters_of(model)
-    plain = whole(record, parameters)
     patterns = [e.perturbations[0] for e in residual_patterns([record]) if e.name in BEHIND_TILT]
     perturbations = [*MEAN_PERTURBATIONS, *patterns]
-    signals = [signals_of(record, plain.states)]
-    return fisher_information(
-        [record], parameters, perturbations, NOISE_NUISANCES, signals, [plain], True
-    ), parameters
+    return fisher_information([record], parameters, perturbations, NOISE_NUISANCES, True), parameters
 
 
 def share_left(fisher, column, out):
