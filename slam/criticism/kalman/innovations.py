@@ -16,7 +16,7 @@ import numpy as np
 from slam.core.arrays import Array, Ints
 from slam.criticism.kalman.filter import GATE, IGNORED, USED, Z_STD, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.kernel_inputs import Perturbation, Signal, filter_run, observable_noise
+from slam.criticism.kalman.kernel_inputs import Perturbation, Signal, filter_run
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL, place_of
 from slam.criticism.kalman.record import Record
 from slam.simulation.dynamics import GEAR, UP, Z
@@ -114,8 +114,8 @@ class Run:
     ) -> None:
         """``changed`` are parameters with slightly different noise; see ``noise``."""
         self._record = record
-        observable = [observable_noise(record, p) for p in (parameters, *changed)]
-        self._filtered = filter_run(record, observable, perturbations, signals or {}, keeps_history)
+        noises = [parameters, *changed]
+        self._filtered = filter_run(record, noises, perturbations, signals or {}, keeps_history)
         self.history = self._filtered.history
         """Estimates around each event, if the run keeps them."""
 

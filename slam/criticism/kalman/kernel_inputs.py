@@ -174,15 +174,6 @@ SHORT_S, ENDLESS_S = 1e-5, 1e6
 """Durations over which a noise only grows by its process noise, and over which it forgets its past."""
 
 
-def observable_noise(record: Record, parameters: FilterParameters) -> FilterParameters:
-    """Return the parameters without process noise of the heading, if no instrument shows it."""
-    if record.shows_heading:
-        return parameters
-    hold = parameters.hold.copy()
-    hold[TURN_STD] = 0.0
-    return replace(parameters, hold=hold)
-
-
 def initial_state(
     record: Record, parameters: FilterParameters, states: int, perturbations: int
 ) -> arrays.KalmanState:
@@ -264,6 +255,8 @@ def filter_run(
 
     Its outputs for readings with sensitivities are still empty.
     """
+    if not record.shows_heading:
+        noises = [replace(p, hold=np.where(np.arange(len(HOLD)) == TURN_STD, 0.0, p.hold)) for p in noises]
     parameters, *changed = noises
     first_step, _, step_s = record.steps
     read = arrays.EventArrays(
