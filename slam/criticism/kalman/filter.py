@@ -192,13 +192,9 @@ def update(event: int, filtered: FilterRun) -> None:
 
     Each is compared with its prediction as the earlier ones have corrected it.
     """
-    events, model, estimate, expected = filtered.events, filtered.model, filtered.estimate, filtered.expected
-    changes, written, coloured, others = (
-        filtered.changes,
-        filtered.written,
-        filtered.coloured,
-        filtered.others,
-    )
+    events, model, estimate = filtered.events, filtered.model, filtered.estimate
+    expected, changes, written = filtered.expected, filtered.changes, filtered.written
+    coloured, others = filtered.coloured, filtered.others
     kind, ph, change = events.kinds[event], expected.ph, changes.predicted_change
     state, correction, streak = estimate.state, expected.correction, estimate.outlier_streak
     correction[:] = 0.0

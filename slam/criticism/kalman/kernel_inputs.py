@@ -17,7 +17,7 @@ from slam.core.arrays import Array, Ints
 from slam.criticism.kalman import arrays
 from slam.criticism.kalman.arrays import Ar1Noise, CommandArrays, PerturbationArrays
 from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters
-from slam.criticism.kalman.noise import WHITE, ar1_noise_for
+from slam.criticism.kalman.noise import WHITE
 from slam.criticism.kalman.readings import CHANNELS, GUSTS, INSTRUMENT_OF, MOVING, READ_BY, STATES, TARGET
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ENTRIES, ON_CHANNEL, STICKS
@@ -195,6 +195,31 @@ def _process_noise(hold: Array, h: float, n: int) -> Array:
     return q
 
 
+def ar1_noise_for(record: Record, noises: Sequence[FilterParameters], states: int, m: int) -> Ar1Noise:
+    """Return the stationary noises under the first of some parameters, before the first sample.
+
+    They are of the channels that have one under any of the parameters, with m sensitivities.
+    """
+    parameters, colour = noises[0], noises[0].noise_correlation[list(INSTRUMENT_OF)]
+    correlated = np.any([p.noise_correlation != 0.0 for p in noises], axis=0)
+    channels = np.flatnonzero(correlated[list(INSTRUMENT_OF)])
+    slot = np.full(len(CHANNELS), WHITE, dtype=np.int64)
+    slot[channels] = np.arange(len(channels))
+    variance = (record.noise_std * parameters.noise_factor)[channels] ** 2
+    k = len(channels)
+    # The whole samples since the previous event of the same kind.
+    samples = np.ones(len(record.kinds), dtype=np.int64)
+    for kind in np.unique(record.kinds):
+        rows = np.flatnonzero(record.kinds == kind)
+        gaps = np.diff(record.times_s[rows])
+        if len(gaps):
+            samples[rows[1:]] = np.maximum(np.rint(gaps / np.median(gaps)), 1).astype(np.int64)
+    return Ar1Noise(
+        slot, samples, colour[channels], variance, np.zeros(k), np.zeros((states, k)),
+        np.diag(variance), np.zeros((k, m)), np.zeros(k), np.zeros((MOVING, k)),
+    )  # fmt: skip
+
+
 def noise_changes_for(
     record: Record, parameters: FilterParameters, changed: Sequence[FilterParameters], coloured: Ar1Noise
 ) -> arrays.NoiseChangeArrays:
@@ -270,7 +295,7 @@ def filter_run(
         diffusion(parameters.hold, n),
     )  # fmt: skip
     m, events = len(perturbations), len(record.times_s)
-    coloured = ar1_noise_for(record, parameters, n, m, changed)
+    coloured = ar1_noise_for(record, noises, n, m)
     none, missing = np.empty((0, 0)), np.full((2, events, 6), np.nan)
     outputs = arrays.KalmanOutputs(
         missing[0], missing[1], np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)),

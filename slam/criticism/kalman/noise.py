@@ -12,50 +12,16 @@ with differences in place of derivatives.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-
-import numpy as np
 
 from backend.compilation import inner_kernel
 from slam.core.arrays import Array
 from slam.criticism.kalman.arrays import Ar1Noise, FilterRun, NoiseChangeArrays, StepBuffers
-from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, MOVING, TARGET, WIDTH
-from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.readings import FIRST_CHANNEL, MOVING, TARGET, WIDTH
 from slam.criticism.kalman.sensitivity import carry
 from slam.criticism.kalman.transition import covariance_step, process_noise, transition
 
 WHITE = -1
 """Slot of a channel whose noise is white."""
-
-
-def ar1_noise_for(
-    record: Record,
-    parameters: FilterParameters,
-    states: int,
-    sensitivity: int,
-    changed: Sequence[FilterParameters] = (),
-) -> Ar1Noise:
-    """Return the stationary noises before the first sample, of channels that have one under the parameters
-    or under ``changed`` ones; none where all noises are white."""
-    colour = parameters.noise_correlation[list(INSTRUMENT_OF)]
-    correlated = np.any([p.noise_correlation != 0.0 for p in (parameters, *changed)], axis=0)
-    channels = np.flatnonzero(correlated[list(INSTRUMENT_OF)])
-    slot = np.full(len(CHANNELS), WHITE, dtype=np.int64)
-    slot[channels] = np.arange(len(channels))
-    variance = (record.noise_std * parameters.noise_factor)[channels] ** 2
-    k = len(channels)
-    # The whole samples since the previous event of the same kind.
-    samples = np.ones(len(record.kinds), dtype=np.int64)
-    for kind in np.unique(record.kinds):
-        rows = np.flatnonzero(record.kinds == kind)
-        gaps = np.diff(record.times_s[rows])
-        if len(gaps):
-            samples[rows[1:]] = np.maximum(np.rint(gaps / np.median(gaps)), 1).astype(np.int64)
-    return Ar1Noise(
-        slot, samples, colour[channels], variance, np.zeros(k), np.zeros((states, k)),
-        np.diag(variance), np.zeros((k, sensitivity)), np.zeros(k), np.zeros((MOVING, k)),
-    )  # fmt: skip
 
 
 @inner_kernel
