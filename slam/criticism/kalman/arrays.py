@@ -111,8 +111,6 @@ class Ar1Noise(NamedTuple):
     """(k, m)."""
     reading_cov: Array
     """(k,) buffer: covariance of the noises with a reading."""
-    work: Array
-    """(10, k) buffer."""
 
 
 class NoiseChangeArrays(NamedTuple):
@@ -139,8 +137,6 @@ class NoiseChangeArrays(NamedTuple):
     """(c, n) change of the mean over a step by another decay."""
     matrix: Array
     """(n, n) buffer: transition, ..."""
-    work: Array
-    """(10, c) ... a product, ..."""
     ph: Array
     """(n,) ... and covariances of the state with a reading."""
     untraced: Array
@@ -163,7 +159,7 @@ class StepBuffers(NamedTuple):
     middle_noise: Array
     """(8,) noise in the middle of the step."""
     work: Array
-    """(n, n) buffer."""
+    """(n, columns) buffer of a product with the transition: of covariances or of all that a step carries."""
     late_stick_noise: Array
     """(10,) root of the variance that a late jump of the stick adds to the state, ..."""
     contact_variance: Array
@@ -198,14 +194,10 @@ class PerturbationBuffers(NamedTuple):
     """(entries, 10) ... the change of the state over a step ..."""
     imu_change: Array
     """(entries, 6) ... and that of the IMU's readings."""
-    step_change: Array
-    """(10,) change of the state over a step by one perturbation."""
     direct: Array
     """(6, m) change of an event's channels at a fixed state."""
     predicted_change: Array
     """(m,) change of the prediction of one channel, that through the state included."""
-    work: Array
-    """(10, m) buffer."""
 
 
 class Scratch(NamedTuple):

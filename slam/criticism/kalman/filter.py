@@ -292,11 +292,11 @@ def run(begin: int, end: int, filtered: FilterRun) -> None:
             if changed:
                 predict_changes(events.step_s[s], step, others)
             if coloured.cross.shape[1] > 0:
-                carry(step.matrix, coloured.cross, coloured.work)
+                carry(step.matrix, coloured.cross, step.work)
             if kept:
                 carry(step.matrix, history.moves[e], step.work)
             if traced:
-                carry(step.matrix, sensitivity, filtered.changes.work)
+                carry(step.matrix, sensitivity, step.work)
                 force(s, filtered)
         for i in range(MOVING):
             written.states[e, i] = state[i]

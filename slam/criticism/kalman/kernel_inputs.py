@@ -216,7 +216,7 @@ def ar1_noise_for(record: Record, noises: Sequence[FilterParameters], states: in
             samples[rows[1:]] = np.maximum(np.rint(gaps / np.median(gaps)), 1).astype(np.int64)
     return Ar1Noise(
         slot, samples, colour[channels], variance, np.zeros(k), np.zeros((states, k)),
-        np.diag(variance), np.zeros((k, m)), np.zeros(k), np.zeros((MOVING, k)),
+        np.diag(variance), np.zeros((k, m)), np.zeros(k),
     )  # fmt: skip
 
 
@@ -242,7 +242,7 @@ def noise_changes_for(
     return arrays.NoiseChangeArrays(
         hold, (hold[:, times] == parameters.hold[times]).all(axis=1), variance,
         np.array([own.jitter_s for own in changed], dtype=np.float64), growth, p, np.zeros((n, c)), noises,
-        spoilt, *_zeros(n, (c, n), (n, n), (MOVING, c), n, 0),
+        spoilt, *_zeros(n, (c, n), (n, n), n, 0),
     )  # fmt: skip
 
 
@@ -256,17 +256,17 @@ def _zeros(*shapes: int | tuple[int, ...]) -> list[Array]:
 
 
 def workspace_for(
-    n: int, m: int
+    n: int, m: int, columns: int
 ) -> tuple[arrays.StepBuffers, arrays.PredictedReading, arrays.PerturbationBuffers, arrays.Scratch]:
-    """Return buffers for n states and m perturbations, which all events of a filter run share."""
+    """Return a run's buffers for n states and m perturbations; a step carries up to some ``columns``."""
     return (
         arrays.StepBuffers(
-            *_zeros(FULL, (MOVING, n), (n, n), (n, n), FULL, NOISES, (n, n), MOVING, MOVING)
+            *_zeros(FULL, (MOVING, n), (n, n), (n, n), FULL, NOISES, (n, columns), MOVING, MOVING)
         ),
         arrays.PredictedReading(*_zeros(FULL, 6, (6, n), (6, MOVING), n, n)),
         arrays.PerturbationBuffers(
             np.zeros((ENTRIES, MOVING)), np.zeros(ENTRIES, dtype=np.bool_),
-            *_zeros((ENTRIES, MOVING), (ENTRIES, 6), MOVING, (6, m), m, (MOVING, m)),
+            *_zeros((ENTRIES, MOVING), (ENTRIES, 6), (6, m), m),
         ),
         arrays.Scratch(*_zeros(*[FULL] * 5, *[NOISES] * 3, STICKS, n, 6, MOVING)),
     )  # fmt: skip
@@ -301,11 +301,13 @@ def filter_run(
         missing[0], missing[1], np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)),
         none, none, none, np.zeros(1, dtype=np.int64),
     )  # fmt: skip
+    columns = max(n, m, len(changed), len(coloured.mean))
     kept = events * keeps_history
     x, p, t = (kept, n), (kept, n, n), (kept, n, m)
     history = arrays.PathHistory(*_zeros(x, x, p, p, t, t, p))
     return arrays.FilterRun(
         read, command, model, table, initial_state(record, parameters, n, m),
-        *workspace_for(n, m), outputs, coloured, noise_changes_for(record, parameters, changed, coloured),
+        *workspace_for(n, m, columns), outputs, coloured,
+        noise_changes_for(record, parameters, changed, coloured),
         history._replace(moves=np.tile(np.eye(n), (kept, 1, 1))),
     )  # fmt: skip

@@ -136,7 +136,7 @@ def noise_of(c: int, changes: NoiseChangeArrays) -> Ar1Noise:
     noises = changes.coloured
     return Ar1Noise(
         noises.slot, noises.samples, noises.coefficient[c], noises.variance[c], noises.mean[c],
-        noises.cross[c], noises.own[c], noises.sensitivity, noises.reading_cov, noises.work,
+        noises.cross[c], noises.own[c], noises.sensitivity, noises.reading_cov,
     )  # fmt: skip
 
 
@@ -161,8 +161,8 @@ def predict_changes(h: float, step: StepBuffers, changes: NoiseChangeArrays) -> 
                 for j in range(MOVING):
                     p[i, j] += step.late_stick_noise[i] * step.late_stick_noise[j]
         if changes.coloured.cross.shape[2] > 0:
-            carry(matrix, changes.coloured.cross[c], changes.coloured.work)
-    carry(step.matrix, shift, changes.work)
+            carry(matrix, changes.coloured.cross[c], step.work)
+    carry(step.matrix, shift, step.work)
     for c in range(changes.p.shape[0]):
         if not changes.decays_alike[c]:
             for i in range(n):

@@ -85,7 +85,7 @@ def force(s: int, filtered: FilterRun) -> None:
     step, changes, scratch = filtered.step, filtered.changes, filtered.scratch
     sensitivity, h = filtered.estimate.sensitivity, filtered.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
-    added, change, rate, other = changes.step_change, scratch.change, scratch.rate, scratch.other
+    added, change, rate, other = scratch.total, scratch.change, scratch.rate, scratch.other
     _rate_change(middle, noise, command.over_steps[0, s], rate, filtered)
     for entry in range(ENTRIES):
         if changes.is_used[entry]:
@@ -167,7 +167,7 @@ def direct_change(event: int, filtered: FilterRun) -> None:
 
 @inner_kernel
 def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
-    """Propagate sensitivities (n, m) over a step in place; ``moved`` (10, m) is a buffer."""
+    """Propagate sensitivities (n, m) over a step in place; ``moved`` (>= 10, >= m) is a buffer."""
     n, m = sensitivity.shape
     multiply_sparse(matrix, sensitivity, MOVING, m, moved)
     for i in range(MOVING):
