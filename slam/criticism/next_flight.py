@@ -23,7 +23,7 @@ from slam.criticism.kalman.readings import SLOPE_X, SLOPE_Y, STREAMS
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
-from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
+from slam.criticism.search.fitted_parameters import MEAN_NUISANCES
 from slam.criticism.search.information import fisher_information
 from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood
 from slam.criticism.search.search import SearchResult
@@ -105,7 +105,6 @@ def telling_flight(
         return ""
     parameters = filter_parameters_of(model)
     slower = at_lower_rates(model)
-    perturbations = [*MEAN_PERTURBATIONS, *first.perturbations, *second.perturbations]
     plain, beside = replace(first, changes=()), replace(second, changes=())
     size = sizes[[column in columns for column in first.columns]]
 
@@ -115,7 +114,7 @@ def telling_flight(
         record = referred(record_of(replace(flight, **missing)), parameters)  # type: ignore[arg-type]
         if seen is not None:
             record = replace(record, matches=planned_matches(record, parameters, seen))
-        fisher = fisher_information([record], parameters, perturbations, ())
+        fisher = fisher_information([record], parameters, [plain, beside], MEAN_NUISANCES)
         fisher = replace(fisher, score=np.zeros_like(fisher.score))
         quadratic = QuadraticLikelihood(fisher, parameters, parameters, MEAN_NUISANCES)
         return separation(quadratic, plain, [beside], size)

@@ -22,7 +22,7 @@ from slam.criticism.search.effects import (
     relaxed_nuisances,
     residual_patterns,
 )
-from slam.criticism.search.fitted_parameters import AT, MEAN_PERTURBATIONS, NOISE_NUISANCES, fitted_parameter
+from slam.criticism.search.fitted_parameters import AT, NUISANCES, fitted_parameter
 from slam.criticism.search.information import fisher_information
 from slam.criticism.search.quadratic_likelihood import NINE_OF_TEN, SEEN, Maximum, QuadraticLikelihood
 from slam.criticism.search.thresholds import Thresholds
@@ -217,16 +217,11 @@ def expand(
     effects = [e for e in effects_for(records, parameters) if e.label not in labels] + current
     patterns = residual_patterns(records)
     late = delayed_readings(records) if model.out_of_model else []
-    moved = [d for e in (*effects, *late) for d in e.perturbations]
-    own = dict.fromkeys(d for pattern in patterns for d in pattern.perturbations)
-    perturbations = [*MEAN_PERTURBATIONS, *moved, *own]
-    changes = [*NOISE_NUISANCES, *(c for e in effects for c in e.changes)]
-    fisher = fisher_information(records, parameters, perturbations, changes, in_full=True)
+    tried = [*effects, *late, *patterns]
+    fisher = fisher_information(records, parameters, tried, NUISANCES, in_full=True)
     # A value of a grid is tried only where the parameters hold none.
-    tried = [
-        fitted_parameter(c) for e in effects if not e.is_profiled for c in e.columns if c not in e.relaxes
-    ]
-    values = {f.name: size for f in tried if (size := f.size_in(parameters)) != 0.0}
+    own = [fitted_parameter(c) for e in effects if not e.is_profiled for c in e.columns if c not in e.relaxes]
+    values = {f.name: size for f in own if (size := f.size_in(parameters)) != 0.0}
     return LikelihoodExpansion(
         fisher=fisher,
         parameters=parameters,

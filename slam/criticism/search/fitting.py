@@ -26,7 +26,6 @@ from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
 from slam.criticism.search.fitted_parameters import (
     AR1_COEFFICIENTS,
     MEAN_NUISANCES,
-    MEAN_PERTURBATIONS,
     NOISE_NUISANCES,
     NUISANCES,
     FittedParameter,
@@ -71,7 +70,8 @@ def fit_nuisances(
     if not model.out_of_model and sum(record.duration_s for record in records) > LONG_S:
         rounds[-1] = list(records)
     for flights in rounds:
-        maximum = _expanded(flights, model, parameters, effects, NUISANCES).maximise(effects)
+        fisher = fisher_information(flights, parameters, effects, NUISANCES)
+        maximum = QuadraticLikelihood(fisher, parameters, model, NUISANCES).maximise(effects)
         for column, move in zip(maximum.columns, maximum.step, strict=True):
             fitted = fitted_parameter(column)
             if fitted in NOISE_NUISANCES:
@@ -80,20 +80,6 @@ def fit_nuisances(
                 move = np.clip(np.clip(move, -LARGEST_STEP, LARGEST_STEP), low - at, high - at)
             parameters = fitted.stepped(parameters, fitted.bounded(float(move), parameters))
     return parameters
-
-
-def _expanded(
-    records: Sequence[Record],
-    model: FilterParameters,
-    parameters: FilterParameters,
-    effects: Sequence[Effect],
-    nuisances: Sequence[FittedParameter],
-) -> QuadraticLikelihood:
-    """Return the likelihood about ``parameters`` in effects and nuisances, those of the mean included."""
-    perturbations = [*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]
-    changes = [*(n for n in NOISE_NUISANCES if n in nuisances), *(c for e in effects for c in e.changes)]
-    fisher = fisher_information(records, parameters, perturbations, changes)
-    return QuadraticLikelihood(fisher, parameters, model, nuisances)
 
 
 def refit(
@@ -109,8 +95,9 @@ def refit(
     best: tuple[float, FilterParameters] | None = None
     share, trial = 1.0, parameters
     for _ in range(ITERATIONS):
-        about = _expanded(records, model, trial, effects, MEAN_NUISANCES)
-        loose = [e for e in effects if all(c in about.fisher.columns for c in e.columns)]
+        fisher = fisher_information(records, trial, effects, MEAN_NUISANCES)
+        about = QuadraticLikelihood(fisher, trial, model, MEAN_NUISANCES)
+        loose = [e for e in effects if all(c in fisher.columns for c in e.columns)]
         nats = about.nats_at_current(loose)
         if best is not None and nats < best[0]:
             share *= 0.4

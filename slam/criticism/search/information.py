@@ -21,11 +21,16 @@ from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, Run, segment_bounds, used_innovations, whole
-from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation
+from slam.criticism.kalman.kernel_inputs import LikelihoodScore
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.effects import signals_of
-from slam.criticism.search.fitted_parameters import NOISE_NUISANCES, FittedParameter, gain_column
+from slam.criticism.search.effects import Effect, signals_of
+from slam.criticism.search.fitted_parameters import (
+    MEAN_PERTURBATIONS,
+    NOISE_NUISANCES,
+    FittedParameter,
+    gain_column,
+)
 
 CUT = 9.0
 """Limit of e^2 in the variance's score: one outlier is not a change of variance."""
@@ -123,14 +128,17 @@ class FisherInformation:
 
 
 def fisher_information(
-    records: Sequence[Record], parameters: FilterParameters, perturbations: Sequence[Perturbation],
-    changes: Sequence[FittedParameter], in_full: bool = False,
+    records: Sequence[Record], parameters: FilterParameters, effects: Sequence[Effect],
+    nuisances: Sequence[FittedParameter], in_full: bool = False,
 ) -> FisherInformation:  # fmt: skip
-    """Run the filter over the flights once, with all perturbations and all changes of the noise.
+    """Run the filter over the flights once, with the columns of some effects, and of the nuisances of the mean
+    and others.
 
-    ``in_full``: perturbations may inject the signals of ``signals_of``, and each noise nuisance adds one
-    column, named by ``gain_column``: its effect on the mean.
+    ``in_full``: effects may inject the signals of ``signals_of``, and each noise nuisance adds one column,
+    named by ``gain_column``: its effect on the mean.
     """
+    perturbations = list(dict.fromkeys([*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]))
+    changes = [*(n for n in NOISE_NUISANCES if n in nuisances), *(c for e in effects for c in e.changes)]
     plain = in_threads(lambda record: whole(record, parameters), records) if changes else []
     before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
     # Where tails are heavy, squared innovations e^2 are less evidence of the variance: 2 over their variance.

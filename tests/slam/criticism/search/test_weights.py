@@ -10,8 +10,8 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.search.effects import residual_patterns
 from slam.criticism.search.fitted_parameters import (
     MEAN_NUISANCES,
-    MEAN_PERTURBATIONS,
     NOISE_NUISANCES,
+    NUISANCES,
     fitted_parameter,
     gain_column,
 )
@@ -31,9 +31,8 @@ def seen():
     model = at_lower_rates(load_model("nominal"))
     record = record_of(simulate_flight(model, stick_for(["tilts of 15 deg to all four sides"]), 50))
     parameters = filter_parameters_of(model)
-    patterns = [e.perturbations[0] for e in residual_patterns([record]) if e.name in BEHIND_TILT]
-    perturbations = [*MEAN_PERTURBATIONS, *patterns]
-    return fisher_information([record], parameters, perturbations, NOISE_NUISANCES, True), parameters
+    patterns = [e for e in residual_patterns([record]) if e.name in BEHIND_TILT]
+    return fisher_information([record], parameters, patterns, NUISANCES, True), parameters
 
 
 def share_left(fisher, column, out):
