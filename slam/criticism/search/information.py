@@ -131,11 +131,10 @@ def fisher_information(
     records: Sequence[Record], parameters: FilterParameters, effects: Sequence[Effect],
     nuisances: Sequence[FittedParameter], in_full: bool = False,
 ) -> FisherInformation:  # fmt: skip
-    """Run the filter over the flights once, with the columns of some effects, and of the nuisances of the mean
-    and others.
+    """Run the filter over the flights once, with the columns of some effects and nuisances.
 
-    ``in_full``: effects may inject the signals of ``signals_of``, and each noise nuisance adds one column,
-    named by ``gain_column``: its effect on the mean.
+    Those of the mean are always included. ``in_full``: effects may inject the signals of ``signals_of``, and
+    each noise nuisance adds one column, named by ``gain_column``: its effect on the mean.
     """
     perturbations = list(dict.fromkeys([*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]))
     changes = [*(n for n in NOISE_NUISANCES if n in nuisances), *(c for e in effects for c in e.changes)]

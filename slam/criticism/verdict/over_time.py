@@ -24,10 +24,9 @@ from slam.core.arrays import Array, Ints
 from slam.criticism.finding import Inconsistency, Onset, VaryingSize
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import Run
-from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS, fitted_parameter
-from slam.criticism.search.information import SEGMENT_S, FisherInformation
+from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
 from slam.data_quality.finding import flights_to_name
@@ -200,22 +199,19 @@ _BETWEEN = "from flight to flight", "during a flight", "from channel to channel"
 """The parts that a cause is compared between, in the order of `_parts_of`."""
 
 
-def _parts_of(
-    records: Sequence[Record], parameters: FilterParameters, chosen: Sequence[Effect]
-) -> list[Parts]:
+def _parts_of(found: SearchResult, parameters: FilterParameters, chosen: Sequence[Effect]) -> list[Parts]:
     """Return the flights by each kind of parts of ``_BETWEEN``; channels have neither a flight nor a time."""
     perturbations = [*MEAN_PERTURBATIONS, *(d for e in chosen for d in e.perturbations)]
+    records = found.records
 
     def one(k: int) -> tuple[Array, Array, Ints]:
-        rows = list(Run(records[k], parameters, perturbations).segments(SEGMENT_S))
-        events = np.concatenate([r.events for r in rows])
-        time = (records[k].times_s[events] // PART_S).astype(np.int64)
-        channel = np.concatenate([r.channels for r in rows])
-        part = np.column_stack([np.full(len(events), k), time, channel])
-        return np.concatenate([r.sensitivity for r in rows]), np.concatenate([r.white for r in rows]), part
+        (rows,) = Run(records[k], parameters, perturbations).segments(np.inf)
+        time = (records[k].times_s[rows.events] // PART_S).astype(np.int64)
+        part = np.column_stack([np.full(len(rows.events), k), time, rows.channels])
+        return rows.sensitivity, rows.white, part
 
-    found = in_threads(one, range(len(records)))
-    sensitivity, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
+    each = in_threads(one, range(len(records)))
+    sensitivity, white, part = (np.concatenate([of[i] for of in each]) for i in range(3))
     columns, names = [d.name for d in perturbations], [record.name for record in records]
     (flight, time, channel), none, parts = part.T, np.zeros(len(part), np.int64), []
     for of_row in ((flight, none), (flight, time), (none, channel)):
@@ -265,7 +261,7 @@ def contradictions(
     out-of-model vehicle every cause is inconsistent, as its equations are wrong.
     """
     chosen = [e.free for e in found.chosen]
-    kinds = list(zip(_BETWEEN, _parts_of(found.records, parameters, chosen), strict=True))
+    kinds = list(zip(_BETWEEN, _parts_of(found, parameters, chosen), strict=True))
     precision = _precision(found.model, kinds[0][1].fisher.columns)
     ends = np.cumsum([len(MEAN_NUISANCES), *(len(e.perturbations) for e in chosen)])
     inconsistent, refuted = {}, set()
@@ -292,7 +288,7 @@ def changing_sizes(
     chosen = [e.free for e in (*found.chosen, *others.values())]
     if not any(e.name in names for e in chosen):
         return ()
-    _, parts, _ = _parts_of(found.records, parameters, chosen)
+    _, parts, _ = _parts_of(found, parameters, chosen)
     step, _ = _most_probable(parts.fisher, _precision(found.model, parts.fisher.columns))
     series: list[SizeOverTime] = []
     for effect in (e for e in chosen if e.name in names):
