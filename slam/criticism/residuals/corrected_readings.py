@@ -32,13 +32,11 @@ LOWEST_M = 0.3
 """Nearer to the floor the gear and the sonar's own limit cause edges."""
 
 
-def without_boxes(
-    records: Sequence[Record], parameters: FilterParameters
-) -> tuple[list[Record], list[Cause]]:
+def without_boxes(records: list[Record], parameters: FilterParameters) -> tuple[list[Record], list[Cause]]:
     """Return the records with ranges corrected to a level floor, and the steps if there are any."""
     boxes = find_boxes(in_threads(lambda record: range_residuals(record, parameters), records))
     if not boxes:
-        return list(records), []
+        return records, []
     nats = tuple(found.gain_nats for found in boxes)
     by_others = predicted_by_others(boxes, nats_by_others)
     heights = np.concatenate([found.heights_m for found in boxes])
@@ -82,9 +80,7 @@ SLOW = 3.0
 are smaller than the jitter."""
 
 
-def without_jitter(
-    records: Sequence[Record], parameters: FilterParameters
-) -> tuple[list[Record], list[Cause]]:
+def without_jitter(records: list[Record], parameters: FilterParameters) -> tuple[list[Record], list[Cause]]:
     """Return the records at the even times of their streams, and the jitter, if the readings fit these times.
 
     Otherwise return the records unchanged. A stream without an even clock keeps its stamps.
@@ -92,7 +88,7 @@ def without_jitter(
     streams = [_streams(record) for record in records]
     scattered = [s for flight in streams for s in flight.values() if s.scatter_s > LEAST_SCATTER_S]
     if not scattered:
-        return list(records), []
+        return records, []
     even = []
     for record, flight in zip(records, streams, strict=True):
         times_s = record.times_s.copy()
@@ -102,7 +98,7 @@ def without_jitter(
     nats = _nats(even, parameters) - _nats(records, parameters)
     found = cause_in_readings("timestamp_jitter", {"sigma": _scatter(scattered)}, tuple(nats.tolist()))
     if found.probability < SURE:
-        return list(records), []
+        return records, []
     return in_threads(lambda record: referred(record, parameters), even), [found]
 
 

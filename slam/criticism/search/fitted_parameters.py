@@ -142,6 +142,12 @@ class FittedParameter:
         # No reading of an out-of-model vehicle is judged finer than the model's own instruments.
         return centre - reach - TAILS, centre + (OUT_OF_MODEL_NOISE if model.out_of_model else reach)
 
+    def is_beyond(self, parameters: FilterParameters, model: FilterParameters, std: float = 0.0) -> bool:
+        """Whether a nuisance lies beyond its healthy range by more than two standard deviations ``std``."""
+        low, high = self.healthy_range(model)
+        value, reach = self.value_in(parameters), 2.0 * std
+        return value - reach > high or value + reach < low
+
     def prior_precision(self, model: FilterParameters) -> float:
         """Return the reciprocal of the variance of a uniform prior over the healthy range of a nuisance."""
         low, high = self.healthy_range(model)

@@ -18,7 +18,6 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.readings import STREAMS
 from slam.criticism.residuals.reading_anomalies import ENTAILS
 from slam.criticism.search.effects import LATE, Effect
-from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, Thresholds, with_misfit
@@ -99,7 +98,7 @@ class Evidence(ABC):
             cause = Cause(
                 name=effect.name,
                 probability=self.posterior.probability.get(effect.name, 0.0),
-                parameters=fitted_sizes(found.last, effect, found.chosen),
+                parameters=fitted_sizes(found, effect),
                 gain=Gain.of(own.nats, own.by, channels),
                 z=found.z_of(effect),
                 lead_nats=place.lead_nats,
@@ -215,20 +214,19 @@ def by_importance(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     return (*lead, *(c for c in rest if c is not lead[0]))
 
 
-def fitted_sizes(
-    expansion: LikelihoodExpansion, effect: Effect, chosen: Sequence[Effect]
-) -> dict[str, Interval]:
+def fitted_sizes(found: SearchResult, effect: Effect) -> dict[str, Interval]:
     """Return fitted parameters of a term in the catalogue's units, with 95 % intervals.
 
     The intervals include chance, widened by the scatter of simulated singles, and the equation's own misfit.
     """
-    size, covariance = expansion.fitted(effect, expansion.maximise(chosen, judged=1))
+    expansion = found.last
+    size, covariance = expansion.fitted(effect, expansion.maximise(found.chosen, judged=1))
     wide = expansion.fisher.half_interval if expansion.clustered else WIDE * SCATTER
-    found = {}
+    sizes = {}
     for k, name in enumerate(effect.parameters):
         half = wide * float(np.hypot(np.sqrt(covariance[k, k]), effect.tolerance))
-        found[name] = _interval(effect, k, half, expansion.parameters, float(size[k]))
-    return found
+        sizes[name] = _interval(effect, k, half, expansion.parameters, float(size[k]))
+    return sizes
 
 
 def _interval(effect: Effect, k: int, half: float, parameters: FilterParameters, at: float) -> Interval:

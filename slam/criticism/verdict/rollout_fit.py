@@ -17,7 +17,7 @@ from scipy.special import expit
 
 from frontend.cores import in_threads
 from slam.core.arrays import Array
-from slam.core.progress import Progress, Tally, silent
+from slam.core.progress import Progress, Tally
 from slam.criticism.cause import JUDGED_HORIZON_S
 from slam.criticism.finding import OutOfRange
 from slam.criticism.kalman.filter_parameters import FilterParameters
@@ -94,9 +94,7 @@ class _Fit:
         return bool(less and shows.any() and np.mean(flights[shows] < before[shows]) > 0.5)
 
 
-def fit_rollouts(
-    parameters: FilterParameters, found: SearchResult, progress: Progress = silent
-) -> RolloutFit:
+def fit_rollouts(parameters: FilterParameters, found: SearchResult, progress: Progress) -> RolloutFit:
     """Fit the chosen terms to roll-outs, with further terms that improve them, and without those that improve
     no flight. The measure are the errors of a vehicle without any cause."""
     course = _Rollouts(found, parameters, progress)
@@ -106,7 +104,7 @@ def fit_rollouts(
     std = np.sqrt((1.0 - 1.0 / len(found.records)) * (off**2).sum(axis=0))
     nats = {e.name: tuple(course.nats(fit, without[e.label]).tolist()) for e in chosen if e.label in without}
     spread = dict(zip(fit.columns, std.tolist(), strict=True))
-    beyond = [n for n in _FREE if _is_beyond(n, fit.parameters, found.model, spread[n.name])]
+    beyond = [n for n in _FREE if n.is_beyond(fit.parameters, found.model, spread[n.name])]
     if any(n.name == LAG_CONSTANT for n in beyond):
         chosen += [e for e in found.last.effects if e.name == LAG][:1]
     unhealthy = [_out_of_range(n, fit.parameters, found.model) for n in beyond if n.name != LAG_CONSTANT]
@@ -159,17 +157,8 @@ def _needed(
 
 def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[FittedParameter]:
     """Return the constants that are healthy with a term and take its place without it."""
-    freed = [n for n in _FREE if _is_beyond(n, without.parameters, model)]
-    return [n for n in freed if not _is_beyond(n, fit.parameters, model)]
-
-
-def _is_beyond(
-    constant: FittedParameter, parameters: FilterParameters, model: FilterParameters, std: float = 0.0
-) -> bool:
-    """Whether a constant lies beyond its healthy range, whatever flight is left out."""
-    low, high = constant.healthy_range(model)
-    value, reach = constant.value_in(parameters), 2.0 * std
-    return value - reach > high or value + reach < low
+    freed = [n for n in _FREE if n.is_beyond(without.parameters, model)]
+    return [n for n in freed if not n.is_beyond(fit.parameters, model)]
 
 
 def _out_of_range(

@@ -14,7 +14,7 @@ from slam.criticism.prepare import usable_records
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.fitted_parameters import fitted_parameter
-from slam.criticism.verdict.rollout_fit import _extended, _Fit, _instead, _is_beyond, _out_of_range, _Rollouts
+from slam.criticism.verdict.rollout_fit import _extended, _Fit, _instead, _out_of_range, _Rollouts
 from slam.simulation.dynamics import ATTITUDE_TIME
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
@@ -76,8 +76,8 @@ def test_a_constant_far_from_healthy_is_reported_and_no_reason_to_drop_a_term(br
     assert [n.name for n in _instead(healthy, bent, nominal)] == ["vehicle.gain"]
     assert _instead(bent, bent, nominal) == _instead(healthy, healthy, nominal) == []
     (gain,) = _instead(healthy, bent, nominal)
-    assert _is_beyond(gain, bent.parameters, nominal, 0.1)
-    assert not _is_beyond(gain, bent.parameters, nominal, 0.5)
+    assert gain.is_beyond(bent.parameters, nominal, 0.1)
+    assert not gain.is_beyond(bent.parameters, nominal, 0.5)
     assert (
         str(_out_of_range(gain, bent.parameters, nominal)) == "vehicle.gain is 0.42 (healthy: 0.95 to 1.05)"
     )
