@@ -110,16 +110,14 @@ def search(
     records: Sequence[Record], model: FilterParameters, limits: Thresholds, progress: Progress = silent
 ) -> SearchResult:
     """Find terms that exceed the thresholds beside each other, best first."""
-    search_state = _SequentialSearch(records, model, limits, progress)
-    while (parameters := search_state.next_parameters()) is not None:
-        search_state.expand_about(parameters)
-    first, most = search_state.healthy(), len(search_state.chosen)
-    search_state.drop_superfluous()
-    # The leads hold beside the same terms only.
-    leads = search_state.leads if len(search_state.chosen) == most else {}
+    state = _SequentialSearch(records, model, limits, progress)
+    while (parameters := state.next_parameters()) is not None:
+        state.expand_about(parameters)
+    first = state.healthy()
+    state.drop_superfluous()
     return SearchResult(
-        model=model, first=first, last=search_state.expansion, chosen=tuple(search_state.chosen),
-        rivals=search_state.rivals, leads=leads, records=tuple(search_state.records),
+        model=model, first=first, last=state.expansion, chosen=tuple(state.chosen), rivals=state.rivals,
+        leads=state.leads, records=tuple(state.records),
     )  # fmt: skip
 
 
@@ -208,7 +206,8 @@ class _SequentialSearch:
                 continue
             z = self._z_of(effect, others) if effect.is_saturation else score_tests(others, [effect])[0].z
             if z < threshold:
-                self.chosen = others
+                # The leads hold beside the same terms only.
+                self.chosen, self.leads = others, {}
         for saturation in (e for e in bounded if e not in self.chosen):
             # An expansion about parameters with a saturation does not show what the flights do beyond it.
             self._expand(self._with_chosen(saturation.without(self.expansion.parameters)))
