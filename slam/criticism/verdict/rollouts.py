@@ -19,15 +19,13 @@ from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import (
-    ATTITUDE,
     BEYOND_IMU,
     CHANNEL_UNITS,
     CHANNELS,
-    FIRST_CHANNEL,
     IMU,
     MOVING,
     STATES,
-    WIDTH,
+    place_of,
     reading,
 )
 from slam.criticism.kalman.record import Record
@@ -40,6 +38,8 @@ from slam.criticism.verdict.held_out import fitted_parameters
 from slam.simulation.dynamics import derivative, integrate
 from slam.simulation.replay.compare import HORIZONS_S
 
+_PLACES = {channel: place_of(channel) for channel in BEYOND_IMU}
+"""Channel -> kind of its events, and column there."""
 STEP_S = 0.01
 START_EVERY_S = 2.0
 SETTLE_S = 1.0
@@ -85,7 +85,7 @@ def rollout_residuals(
     """
     states = filtered[:, :MOVING]
     begins = np.arange(record.times_s[0] + SETTLE_S, record.times_s[-1] - horizon_s, START_EVERY_S)
-    errors: dict[int, list[Array]] = {c: [np.zeros(0)] for c in range(len(CHANNELS))}
+    errors: dict[int, list[Array]] = {c: [np.zeros(0)] for c in BEYOND_IMU}
     if len(begins) == 0:
         return {c: np.zeros(0) for c in errors}
     start_at = np.searchsorted(record.times_s, begins)
@@ -108,13 +108,12 @@ def rollout_residuals(
         commands = record.stick.at(record.times_s[rows] / fast, parameters.latency_s)
         own = parameters.dynamics, parameters.sensor, parameters.hold[POLE]
         predicted = _noise_free_readings(record.kinds[rows], at, commands, *own, record.elapsed[rows])
-        for kind in np.unique(record.kinds[rows]):
+        for channel, (kind, c) in _PLACES.items():
             of_kind = record.kinds[rows] == kind
-            for c in range(WIDTH[kind]):
-                error = record.values[rows[of_kind], c] - predicted[of_kind, c]
-                if kind == ATTITUDE and c == 2:
-                    error = np.angle(np.exp(1j * error))
-                errors[FIRST_CHANNEL[kind] + c].append(error[np.isfinite(error)])
+            error = record.values[rows[of_kind], c] - predicted[of_kind, c]
+            if CHANNELS[channel] == "yaw":
+                error = np.angle(np.exp(1j * error))
+            errors[channel].append(error[np.isfinite(error)])
     return {c: np.concatenate(m) for c, m in errors.items()}
 
 
@@ -123,7 +122,7 @@ def _noise_free_readings(
     kinds: Ints, at: Array, commands: Array, parameters: Array, sensor: Array, pole_s: float, elapsed: Array
 ) -> Array:
     """Return (events, 6) noise-free readings in the states ``at`` (events, 12)."""
-    predicted, rate = np.zeros((len(kinds), WIDTH[IMU])), np.zeros(FULL)
+    predicted, rate = np.zeros((len(kinds), 6)), np.zeros(FULL)
     state, noise = np.zeros(STATES), np.zeros(NOISES)
     for e in range(len(kinds)):
         derivative(at[e], commands[e], noise, parameters, rate)
