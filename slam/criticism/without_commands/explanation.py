@@ -31,13 +31,7 @@ from slam.criticism.verdict.judge import Evidence, JudgedCauses
 from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Parts, SizeOverTime, onset
 from slam.criticism.verdict.posterior import doubtful_components, posterior_of, required_nats
 from slam.criticism.verdict.rollouts import Covariate, covariate_of
-from slam.criticism.without_commands.likelihood import (
-    contradiction,
-    fisher_of,
-    likelihood_of,
-    segments_of,
-    table_of,
-)
+from slam.criticism.without_commands.likelihood import contradiction, fisher_of, likelihood_of, table_of
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, channel_errors
 from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
 from slam.data_quality.axes import axes_of_all
@@ -81,8 +75,8 @@ class ComparedFlights(Evidence):
 
     def _parts(self, part_s: float) -> Parts:
         """Return the rows in parts of some seconds."""
-        begin_s, names = segments_of(self.rows, part_s)[1], [flight.name for flight in self.flights]
-        return Parts(fisher_of(self.rows, part_s), names, begin_s, part_s)
+        fisher, begin_s = fisher_of(self.rows, part_s)
+        return Parts(fisher, [flight.name for flight in self.flights], begin_s, part_s)
 
     @cached_property
     def _varying(self) -> list[SizeOverTime]:

@@ -92,9 +92,12 @@ def segments_of(rows: FlightRows, segment_s: float, before_s: float = 0.0) -> tu
     return labels, begin_s[labels[:, 0]] + segment_s * labels[:, 1], segment
 
 
-def fisher_of(rows: FlightRows, segment_s: float = SEGMENT_S, before_s: float = 0.0) -> FisherInformation:
-    """Return score and information of the rows' columns, and of each once more as it grows with time."""
-    columns, (labels, _, segment) = columns_of(rows), segments_of(rows, segment_s, before_s)
+def fisher_of(
+    rows: FlightRows, segment_s: float = SEGMENT_S, before_s: float = 0.0
+) -> tuple[FisherInformation, Array]:
+    """Return score and information of the rows' columns, and of each once more as it grows with time; and
+    (segments,) the begin of each segment in s."""
+    columns, (labels, begin_s, segment) = columns_of(rows), segments_of(rows, segment_s, before_s)
     off = np.concatenate([r.off for flight in rows for r in flight])
     table = table_of(rows, columns)
     # The time in minutes, 0 in the middle of each flight.
@@ -103,13 +106,14 @@ def fisher_of(rows: FlightRows, segment_s: float = SEGMENT_S, before_s: float = 
     minutes = np.concatenate([(r.times_s - at) / 60.0 for found, at in each for r in found])
     table = np.column_stack([table, table * minutes[:, None]])
     names = (*columns, *(name + IN_TIME for name in columns))
-    return FisherInformation.of_rows(names, table, off, segment, labels[:, 0])
+    return FisherInformation.of_rows(names, table, off, segment, labels[:, 0]), begin_s
 
 
 def likelihood_of(rows: FlightRows, parameters: FilterParameters) -> SearchResult:
     """Return the likelihood of the rows with every effect, before any is chosen."""
     effects = _effects(columns_of(rows))
-    fisher = replace(fisher_of(rows), shifted=fisher_of(rows, before_s=0.5 * SEGMENT_S))
+    (fisher, _), (shifted, _) = fisher_of(rows), fisher_of(rows, before_s=0.5 * SEGMENT_S)
+    fisher = replace(fisher, shifted=shifted)
     expansion = LikelihoodExpansion(
         fisher=fisher,
         parameters=parameters,
