@@ -100,13 +100,10 @@ def telling_flight(
     It is the best for the time that it takes, with these ``kinds`` of instruments and a camera as in
     ``seen``. The sentence is empty for a term that moves no mean.
     """
-    columns = [c for c in first.columns if c not in {d.name for d in first.changes}]
-    if not columns:
+    if first.changes:
         return ""
-    parameters = filter_parameters_of(model)
-    slower = at_lower_rates(model)
-    plain, beside = replace(first, changes=()), replace(second, changes=())
-    size = sizes[[column in columns for column in first.columns]]
+    parameters, slower = filter_parameters_of(model), at_lower_rates(model)
+    beside = [] if second.changes else [second]
 
     def sigma(name: str) -> float:
         flight = simulate_flight(slower, stick_for([name]), 1)
@@ -114,10 +111,10 @@ def telling_flight(
         record = referred(record_of(replace(flight, **missing)), parameters)  # type: ignore[arg-type]
         if seen is not None:
             record = replace(record, matches=planned_matches(record, parameters, seen))
-        fisher = fisher_information([record], parameters, [plain, beside], MEAN_NUISANCES)
+        fisher = fisher_information([record], parameters, [first, *beside], MEAN_NUISANCES)
         fisher = replace(fisher, score=np.zeros_like(fisher.score))
         quadratic = QuadraticLikelihood(fisher, parameters, parameters, MEAN_NUISANCES)
-        return separation(quadratic, plain, [beside], size)
+        return separation(quadratic, first, beside, sizes)
 
     return _best_motion(first.name, second.name, list(MANOEUVRES), sigma, progress)
 
