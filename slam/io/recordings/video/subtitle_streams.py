@@ -1,4 +1,4 @@
-"""Streams and the lens of a flight from the subtitles of a DJI video."""
+"""Streams and the lens of a flight from the subtitles of a video."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
-from slam.core.lens_priors import UNKNOWN_FOCAL_STD_RATIO
+from slam.core.lens_priors import PLAUSIBLE_FOCAL, UNKNOWN_FOCAL_STD_RATIO
 from slam.core.messages import Note
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
@@ -103,6 +103,23 @@ SUBTITLE_READERS: Mapping[str, Callable[[Subtitles], StreamReadings]] = {
 """Folder of a stream -> its readings."""
 
 
+def _focal_mm(subtitles: Subtitles) -> Array:
+    """Return the focal lengths (n,) on 35 mm film, with the zoom."""
+    focal_mm = subtitles.column("focal_mm") * np.nan_to_num(subtitles.column("zoom"), nan=1.0)
+    return focal_mm[np.isfinite(focal_mm) & (focal_mm > 0)]
+
+
+def _implausible_focal(focal_mm: Array, size_px: tuple[int, int]) -> str:
+    """Return a line where the focal lengths (n,) are none on 35 mm film; empty where they are."""
+    if not len(focal_mm):
+        return ""
+    median_mm = float(np.median(focal_mm))
+    low, high = PLAUSIBLE_FOCAL
+    if low < median_mm / FILM_WIDTH_MM * size_px[0] / max(size_px) < high:
+        return ""
+    return f"focal_len {median_mm:g} mm is not used: no lens has it on 35 mm film (that of the lens itself?)"
+
+
 def video_camera(
     size_px: tuple[int, int],
     subtitles: Subtitles | None,
@@ -115,10 +132,12 @@ def video_camera(
     moment, and is preferred to that of the model.
     """
     width, height = size_px
-    focal_mm = np.empty(0) if subtitles is None else subtitles.column("focal_mm")
-    zoom = np.ones(len(focal_mm)) if subtitles is None else np.nan_to_num(subtitles.column("zoom"), nan=1.0)
-    focal_mm = (focal_mm * zoom)[np.isfinite(focal_mm) & (focal_mm > 0)]
-    notes, distortion, std_ratio = list[str](), Camera.distortion, _FOCAL_STD_RATIO
+    focal_mm = np.empty(0) if subtitles is None else _focal_mm(subtitles)
+    notes = list[str]()
+    if implausible := _implausible_focal(focal_mm, size_px):
+        notes.append(implausible)
+        focal_mm = np.empty(0)
+    distortion, std_ratio = Camera.distortion, _FOCAL_STD_RATIO
     if len(focal_mm):
         film_mm = float(np.median(focal_mm))
         focal_px = film_mm / FILM_WIDTH_MM * width

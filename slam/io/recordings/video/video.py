@@ -13,7 +13,7 @@ from backend.wording import either
 from slam.core.progress import Progress
 from slam.io.content import HEAD_BYTES
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
-from slam.io.files import read_bytes
+from slam.io.files import brief, read_bytes
 from slam.io.recordings.recording import COPY_AGAIN, Content, Offer, PictureChannel, Recording
 from slam.io.recordings.tables.table import KIND, RULES
 from slam.io.recordings.video.gopro_imu import up_in_body
@@ -101,11 +101,20 @@ def open_recording(path: Path, *subtitles: Path) -> Recording:
         description="a video" if len(video.stamps_s) else "a file of subtitles",
         offers=tuple(_offers(path, video, beside)),
         others=(
+            *_unread_subtitles(video),
             *(() if beside is None else beside.others),
             *(() if gopro is None else ((key, _GOPRO, count) for key, count in gopro.others)),
         ),
         read=read,
     )
+
+
+def _unread_subtitles(video: _Video) -> tuple[tuple[str, str, int], ...]:
+    """Return the subtitles as a channel that is left, where none of their fields is known."""
+    if video.subtitles is None or not video.subtitles.unknown:
+        return ()
+    kind = f"subtitles {brief(video.subtitles.unknown, 60)!r}"
+    return ((video.subtitle_name, kind, len(video.subtitles.stamps_s)),)
 
 
 def lasts_as_long(path: Path, subtitles: Path) -> bool:
@@ -246,6 +255,12 @@ def _coverage(video: _Video) -> tuple[str, ...]:
     if not len(video.subtitles.stamps_s):
         return (
             f"{video.subtitle_name} holds no subtitle; switch subtitles on in the camera to have positions",
+        )
+    if video.subtitles.unknown:
+        first = brief(video.subtitles.unknown, 120)
+        return (
+            f"{video.subtitle_name} has no field that is read, first {first!r}; docs/recordings.md lists "
+            "them, or give the readings as a table",
         )
     return coverage(video.subtitle_name, video.subtitles.stamps_s, float(video.stamps_s[-1]))
 
