@@ -26,6 +26,7 @@ from slam.io.gcp_list import with_own_points
 from slam.io.images import PictureFiles, common_levels
 from slam.io.photos.camera import photo_camera
 from slam.io.photos.exif import PhotoTags
+from slam.io.photos.geotag_table import with_geotags
 from slam.io.photos.gps import photo_gps
 from slam.io.photos.photo_set import AttitudeSource, Photo, select_photos
 
@@ -40,12 +41,14 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
 
     The pictures stay on disk until they are requested. Of a multispectral camera one band is read: ``band``,
     or colour, or the one with the most photographs.
+    Positions of a table beside them are preferred (`slam.io.photos.geotag_table`).
     Control points come from ``gcp_list.txt`` in the folder, if it is there (`slam.io.gcp_list`).
     Raises ``InputError`` if there is no folder, no photograph in it, or no usable one.
     """
     folder = Path(folder)
     selection = select_photos(folder, progress, band)
-    photos, stamps_ns, time_remarks = _sort_by_time(selection.photos)
+    located, geotag_remarks = with_geotags(selection.photos, folder, selection.beside)
+    photos, stamps_ns, time_remarks = _sort_by_time(located)
     epoch_ns = int(stamps_ns[0])
     stamps_s = (stamps_ns - epoch_ns) / _SECOND_NS
     tags = [photo.tags for photo in photos]
@@ -66,6 +69,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
         notes={key: value for key, value in notes.items() if value},
         warnings=(
             *selection.remarks,
+            *geotag_remarks,
             *time_remarks,
             *camera_remarks,
             *gps_remarks,

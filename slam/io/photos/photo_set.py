@@ -60,6 +60,8 @@ class PhotoSet:
     attitude: AttitudeSource | None
     remarks: tuple[str, ...]
     """One line for each reason to leave photographs out, and for each assumption."""
+    beside: tuple[Path, ...] = ()
+    """Texts in the folder that may tell something about the photographs."""
 
 
 def select_photos(folder: Path, progress: Progress, band: str | None = None) -> PhotoSet:
@@ -97,7 +99,8 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
         good = f"{max(roll, pitch):g} degrees and the heading to {yaw:g}"
         attitude = f"attitude from {source.description}, assumed to be good to {good}"
         attitude = Note(attitude + (f"; {counted(without, 'photograph')} without it" if without else ""))
-    return PhotoSet(tuple(photos), source, (*found.remarks, *lines, *band_remarks, *faults, attitude))
+    remarks = (*found.remarks, *lines, *band_remarks, *faults, attitude)
+    return PhotoSet(tuple(photos), source, remarks, found.beside)
 
 
 def _read(

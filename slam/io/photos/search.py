@@ -28,6 +28,10 @@ NOT_READ = {
     ),
 }
 """Suffixes of pictures of cameras that are not read, and what to do."""
+BESIDE = frozenset(
+    {".txt", ".csv", ".tsv", ".gpx", ".kml", ".geojson", ".json", ".mrk", ".pos", ".nmea", ".srt", ".xml"}
+)
+"""Suffixes of texts beside photographs that may hold positions, times or a calibration."""
 _LINK_ADVICE = "give the folder that one leads to, or copy it into the folder"
 
 
@@ -40,6 +44,8 @@ class FoundPhotos:
     left_out: dict[str, list[str]]
     """Reason -> names of files that are not used."""
     remarks: tuple[str, ...]
+    beside: tuple[Path, ...] = ()
+    """Texts in the folder and its subfolders that may tell something about the photographs."""
 
 
 def holds_photos(folder: Path) -> bool:
@@ -88,7 +94,8 @@ def find_photos(folder: Path) -> FoundPhotos:
             f"{counted(len(links), 'link to a folder is', 'links to folders are')} not followed; "
             f"{_LINK_ADVICE} ({listed(links)})"
         )
-    return FoundPhotos(tuple(photos), left_out, tuple(remarks))
+    beside = tuple(path for path in files if _suffix(path) in BESIDE and is_inside(path, folder))
+    return FoundPhotos(tuple(photos), left_out, tuple(remarks), beside)
 
 
 def _files(folder: Path) -> Iterator[Path]:

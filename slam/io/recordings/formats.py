@@ -11,6 +11,7 @@ from pathlib import Path
 from slam.core.errors import explain
 from slam.io.content import HEAD_BYTES, content_name
 from slam.io.files import refusal
+from slam.io.recordings.kitti import is_kitti
 from slam.io.recordings.recording import Recording
 from slam.io.recordings.video import mp4
 from slam.io.text_encoding import decode_text, wide_encoding
@@ -106,6 +107,7 @@ def _is_ros2(folder: Path) -> bool:
 
 FOLDERS: tuple[FolderFormat, ...] = (
     FolderFormat("ros.rosbag", _is_ros2),
+    FolderFormat("kitti", is_kitti),
     FolderFormat("tum", lambda folder: (folder / "rgb.txt").is_file()),
 )
 

@@ -15,13 +15,15 @@ from slam.io.recordings.tables.layout import Layout
 
 Array = NDArray[np.float64]
 
-_MISSING = ("", "-", "nan", "null", "none", "na", "n/a")
-"""Cells without a reading, in small letters."""
+_MISSING = ("-", "nan", "null", "none", "na", "n/a")
+"""Cells without a reading beside empty ones, in small letters."""
 _WITH_POINT = re.compile(r"[-+]?\d*\.\d+")
 _WITH_COMMA = re.compile(r"[-+]?\d+,\d+")
 _LIKE_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 _COORDINATE = re.compile(r"([NSEW])?\s*([-+.,\d]+)\s*°?\s*([NSEW])?", re.IGNORECASE)
 """A number with the letter of its hemisphere before or behind it."""
+_LETTERS = "NSEWnsew°"
+"""Ends of a coordinate that is no bare number."""
 
 
 def decimal_mark(path: Path, layout: Layout, columns: Iterable[Column]) -> str:
@@ -29,9 +31,16 @@ def decimal_mark(path: Path, layout: Layout, columns: Iterable[Column]) -> str:
 
     Raises ``InputError`` where commas may as well separate thousands.
     """
-    cells = [(cell, line) for each in columns for cell, line in _column(layout, each.k)]
-    points = sum(_WITH_POINT.fullmatch(cell) is not None for cell, _ in cells)
-    commas = [(cell, line) for cell, line in cells if _WITH_COMMA.fullmatch(cell)]
+    cells = {each.k: _column(layout, each.k) for each in columns if each.quantity != "picture"}
+    commas = [
+        (cell, layout.lines[row])
+        for column in cells.values()
+        for row, cell in enumerate(column)
+        if "," in cell and _WITH_COMMA.fullmatch(cell)
+    ]
+    if not commas:
+        return "."
+    points = sum(_WITH_POINT.fullmatch(cell) is not None for column in cells.values() for cell in column)
     if len(commas) <= points:
         return "."
     if layout.delimiter == "," and all(_LIKE_THOUSANDS.fullmatch(cell) for cell, _ in commas):
@@ -46,16 +55,23 @@ def numbers(layout: Layout, column: Column, mark: str) -> tuple[Array, tuple[str
 
     ``mark`` is the decimal mark.
     """
-    is_coordinate = column.quantity in ("latitude", "longitude")
+    parse = _coordinate if column.quantity in ("latitude", "longitude") else _number
     values = np.full(len(layout.rows), np.nan)
     faults = []
-    for row, (cell, line) in enumerate(_column(layout, column.k)):
+    for row, cell in enumerate(_column(layout, column.k)):
+        if not cell:
+            continue
         try:
-            values[row] = _coordinate(cell, mark) if is_coordinate else _number(cell, mark)
+            values[row] = parse(cell, mark)
         except ValueError:
             if cell.lower() not in _MISSING:
-                faults.append((cell, line))
+                faults.append((cell, layout.lines[row]))
     return values * column.factor, _told(column, faults, len(values))
+
+
+def text_of(layout: Layout, column: Column) -> list[str]:
+    """Return the cells (n) of a column of names, with slashes between folders."""
+    return [cell.replace("\\", "/") for cell in _column(layout, column.k)]
 
 
 def _told(column: Column, faults: Sequence[tuple[str, int]], count: int) -> tuple[str, ...]:
@@ -70,24 +86,21 @@ def _told(column: Column, faults: Sequence[tuple[str, int]], count: int) -> tupl
     )
 
 
-def _column(layout: Layout, k: int) -> list[tuple[str, int]]:
-    """Return the cells of column k, and their lines."""
-    return [
-        (row[k].strip() if k < len(row) else "", line)
-        for row, line in zip(layout.rows, layout.lines, strict=True)
-    ]
+def _column(layout: Layout, k: int) -> list[str]:
+    """Return the cells of column k."""
+    return [row[k].strip() if k < len(row) else "" for row in layout.rows]
 
 
 def _number(cell: str, mark: str) -> float:
     """Return the number of a cell. Raises ``ValueError``."""
     if "_" in cell or (mark == "," and "." in cell):
         raise ValueError(cell)
-    return float(cell.replace(mark, "."))
+    return float(cell if mark == "." else cell.replace(mark, "."))
 
 
 def _coordinate(cell: str, mark: str) -> float:
     """Return the number of a cell, negative in the south and in the west. Raises ``ValueError``."""
-    found = _COORDINATE.fullmatch(cell)
+    found = _COORDINATE.fullmatch(cell) if cell[-1:] in _LETTERS or cell[:1] in _LETTERS else None
     if found is None:
         return _number(cell, mark)
     letter = (found[1] or found[3] or "N").upper()

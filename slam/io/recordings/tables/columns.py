@@ -21,7 +21,7 @@ _ANGLE = {"rad": 1.0, "deg": _DEG}
 _POSITION = {"deg": 1.0, "rad": 1 / _DEG, "degE7": 1e-7, "": 1.0}
 _RATE = {"rad/s": 1.0, "deg/s": _DEG}
 _SPEED = {"m/s": 1.0, "km/h": _KMH, "mph": _MPH, "kn": _KNOT}
-_FORCE = {"m/s^2": 1.0, "g": GRAVITY_M_S2}
+_FORCE = {"m/s^2": 1.0, "g": GRAVITY_M_S2, "mg": 1e-3 * GRAVITY_M_S2}
 _VOLTAGE = {"V": 1.0, "mV": 1e-3}
 _NUMBER = {"": 1.0}
 _UNIT_SPELLINGS = {
@@ -59,9 +59,12 @@ QUANTITIES = (
     Quantity("clock", _NUMBER, ("datetime", "date_time", "utc", "utc_time", "timestamp_utc")),
     Quantity("week", _NUMBER, ("gps_week",)),
     Quantity("time_of_week", TIME, ("tow", "gps_tow", "gps_time_of_week")),
-    Quantity("latitude", _POSITION, ("lat", "osd.latitude")),
-    Quantity("longitude", _POSITION, ("lon", "lng", "longtitude", "osd.longitude")),
-    Quantity("altitude", _LENGTH, ("alt", "abs_alt", "altitude_above_sealevel", "osd.altitude")),
+    Quantity("picture", _NUMBER, ("filename", "file", "image", "image_name", "photo", "sourcefile", "label")),
+    Quantity("latitude", _POSITION, ("lat", "osd.latitude", "y/latitude")),
+    Quantity("longitude", _POSITION, ("lon", "lng", "longtitude", "osd.longitude", "x/longitude")),
+    Quantity(
+        "altitude", _LENGTH, ("alt", "abs_alt", "altitude_above_sealevel", "osd.altitude", "z/altitude")
+    ),
     Quantity(
         "height", _LENGTH, ("rel_alt", "relative_altitude", "height_above_takeoff", "osd.height", "baroAlt")
     ),
@@ -89,7 +92,7 @@ def _plain(name: str) -> str:
 
 
 _BY_NAME = {_plain(name): each for each in QUANTITIES for name in (each.name, *each.spellings)}
-_DECODED_UNITS = dict.fromkeys(
+_DECODED_UNITS: Mapping[str, str] = dict.fromkeys(
     ("osd.roll", "osd.pitch", "osd.yaw", "gimbal.roll", "gimbal.pitch", "gimbal.yaw"), "deg"
 )
 """Units that decoders of DJI's flight records leave out of the titles of their columns."""
@@ -126,12 +129,16 @@ def is_unit(text: str) -> bool:
 
 
 def columns_of(
-    path: Path, titles: Sequence[str], units: Sequence[str], line: int
+    path: Path,
+    titles: Sequence[str],
+    units: Sequence[str],
+    line: int,
+    usual: Mapping[str, str] = _DECODED_UNITS,
 ) -> tuple[dict[str, Column], list[str]]:
     """Return quantity -> its first column, and the titles of the columns of no quantity.
 
-    ``units``: those of a row below the titles. Raises ``InputError`` for a column without a unit, or with an
-    unknown one.
+    ``units``: those of a row below the titles; ``usual``: those of names without one. Raises ``InputError``
+    for a column without a unit, or with an unknown one.
     """
     found: dict[str, Column] = {}
     unread = []
@@ -141,7 +148,7 @@ def columns_of(
         if quantity is None or quantity.name in found:
             unread.append(brief(title, 60))
             continue
-        unit = unit or (units[k] if k < len(units) else "") or _DECODED_UNITS.get(_plain(name), "")
+        unit = unit or (units[k] if k < len(units) else "") or usual.get(_plain(name), "")
         unit = _unit(unit, quantity)
         column = Column(quantity.name, title, k, unit, quantity.units.get(unit, np.nan))
         if np.isnan(column.factor) and quantity.name not in TIMES:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,16 +32,20 @@ class Layout:
     """Line of each row."""
 
 
-def layout_of(path: Path, text: str) -> Layout:
-    """Return the cells of a table. Raises ``InputError`` where no line above the numbers names a time."""
+def layout_of(path: Path, text: str, needed: Collection[str] = TIMES) -> Layout:
+    """Return the cells of a table. Raises ``InputError`` where no line above the numbers names its key.
+
+    ``needed`` are the quantities one of which is the key of a row: times, or pictures.
+    """
     lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
     stated = _SEPARATOR.fullmatch(lines[0][1].strip(" \r\n")) if lines else None
     lines = lines[1:] if stated else lines
-    titled = _titles(lines, stated[1] if stated else "")
+    titled = _titles(lines, stated[1] if stated else "", needed)
     if titled is None:
         first = brief(lines[0][1], 80) if lines else ""
-        what = f"is a table of readings without a time (its first line: {first!r})"
-        raise refusal(path, what, f"name a column time [s]; columns that are read: {known_names()}")
+        key, title = ("a time", "time [s]") if needed == TIMES else ("pictures", "filename")
+        what = f"is a table of readings without {key} (its first line: {first!r})"
+        raise refusal(path, what, f"name a column {title}; columns that are read: {known_names()}")
     at, delimiter, titles = titled
     body = [(k, line) for k, line in lines[at + 1 :] if not line.lstrip().startswith("#")]
     cells = list(_cells((line for _, line in body), delimiter))
@@ -54,26 +58,28 @@ def layout_of(path: Path, text: str) -> Layout:
     return Layout(delimiter, titles, lines[at][0], units, rows, numbers)
 
 
-def _titles(lines: list[tuple[int, str]], stated: str) -> tuple[int, str, tuple[str, ...]] | None:
-    """Return number, delimiter and titles of the first line that names a time and another quantity.
+def _titles(
+    lines: list[tuple[int, str]], stated: str, needed: Collection[str]
+) -> tuple[int, str, tuple[str, ...]] | None:
+    """Return number, delimiter and titles of the first line that names a key and another quantity.
 
-    Without such a line, the first one that names a time. Titles stand above the numbers.
+    Without such a line, the first one that names a key. Titles stand above the numbers.
     """
-    only_time = None
+    only_key = None
     for at, (_, line) in enumerate(lines):
         delimiter = stated or max(_DELIMITERS, key=line.count)
         if delimiter not in line:
             delimiter = " "
         titles = tuple(title.strip() for title in _of_line(line.strip(), delimiter))
         named = quantities_of(titles)
-        if named & set(TIMES) and len(titles) > 1:
+        if named & set(needed) and len(titles) > 1:
             found = at, delimiter, titles
-            if named - set(TIMES) - {"week"}:
+            if named - set(needed) - {"week"}:
                 return found
-            only_time = only_time or found
+            only_key = only_key or found
         if len(titles) > 1 and re.fullmatch(r"[-+]?\d+([.,]\d*)?", titles[0]):
             break
-    return only_time
+    return only_key
 
 
 def _of_line(line: str, delimiter: str) -> list[str]:

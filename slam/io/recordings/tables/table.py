@@ -23,9 +23,10 @@ from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, columns, single
 from slam.io.recordings.recording import Recording
-from slam.io.recordings.tables.cells import decimal_mark, numbers
+from slam.io.recordings.tables.cells import decimal_mark, numbers, text_of
 from slam.io.recordings.tables.columns import TIMES, columns_of
 from slam.io.recordings.tables.layout import layout_of
+from slam.io.recordings.tables.pictures import with_pictures
 from slam.io.recordings.tables.times import row_times
 from slam.io.recordings.tables.yaw_sense import with_sense
 from slam.io.recordings.video.subtitles import changed_rows
@@ -137,11 +138,14 @@ class Table:
     unread: tuple[tuple[str, str, int], ...]
     """Name, type and number of rows of the columns that are not read."""
     notes: tuple[str, ...]
+    pictures: tuple[str, ...] = ()
+    """Name of the picture of each reading, from the folder of the table; empty without a column of them."""
 
 
 def open_recording(path: Path) -> Recording:
     """Open a table. Raises ``InputError`` where its header has no time or lacks a unit."""
-    return recording_of(path, read_table(path))
+    table = read_table(path)
+    return with_pictures(recording_of(path, table), table.series.stamps_ns, table.pictures)
 
 
 def check_titles(path: Path) -> None:
@@ -161,7 +165,7 @@ def read_table(path: Path) -> Table:
     text, notes = _text_of(path)
     layout = layout_of(path, text)
     found, unread = columns_of(path, layout.titles, layout.units, layout.line)
-    told = [each for name, each in found.items() if name not in (*TIMES, "week")]
+    told = [each for name, each in found.items() if name not in (*TIMES, "week", "picture")]
     mark = decimal_mark(path, layout, found.values())
     times_s, lines = row_times(path, layout, found, mark)
     known = np.isfinite(times_s)
@@ -178,7 +182,9 @@ def read_table(path: Path) -> Table:
     stamps_ns = np.round(times_s[known] * 1e9).astype(np.int64)
     left = tuple((title, "column", len(stamps_ns)) for title in unread)
     notes += [same_kind(line, f"{path.name}: {line}") for line in lines]
-    return Table(FieldSeries(KIND, stamps_ns, fields), left, tuple(notes))
+    pictures = text_of(layout, found["picture"]) if "picture" in found else []
+    names = tuple(name for name, has_time in zip(pictures, known, strict=bool(pictures)) if has_time)
+    return Table(FieldSeries(KIND, stamps_ns, fields), left, tuple(notes), names)
 
 
 def _text_of(path: Path) -> tuple[str, list[str]]:

@@ -1,0 +1,43 @@
+"""A table whose rows name pictures in files beside it, with the times of their exposures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.progress import Progress
+from slam.io.files import check_inside
+from slam.io.recordings.picture_list import assumed_camera, listed_pictures
+from slam.io.recordings.recording import Content, Offer, Recording
+
+
+def with_pictures(recording: Recording, stamps_ns: NDArray[np.int64], names: Sequence[str]) -> Recording:
+    """Return the recording of a table with the pictures that its rows name; without any, as it is.
+
+    ``stamps_ns`` (n,) and ``names`` (n) are those of the rows; an empty name is no picture. Raises
+    ``InputError`` for a name that leads out of the folder.
+    """
+    rows = np.array([k for k, name in enumerate(names) if name], dtype=int)
+    listed = tuple(names[k] for k in rows)
+    folder = recording.path.parent
+    for name in listed:
+        check_inside(folder / name, folder)
+    count = len(listed)
+    if not any((folder / name).is_file() for name in listed):
+        others = (("picture", "column, without its files", count),) * bool(count)
+        return replace(recording, others=(*recording.others, *others))
+    channel = f"{recording.path.name}: pictures"
+    offer = Offer(stream="cam0", channel=channel, kind="list of pictures", rows=count, reading="8 bit")
+
+    def read(chosen: Sequence[Offer], progress: Progress) -> Content:
+        content = recording.read([each for each in chosen if each.channel != channel], progress)
+        if not any(each.channel == channel for each in chosen):
+            return content
+        return replace(
+            content, pictures=listed_pictures(recording.path, stamps_ns[rows], listed, assumed_camera)
+        )
+
+    return replace(recording, offers=(offer, *recording.offers), read=read)

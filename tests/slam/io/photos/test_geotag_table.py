@@ -1,0 +1,45 @@
+"""Positions of photographs in a table beside them, and other texts there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slam.core.messages import is_note
+from slam.io.photos.import_photos import import_photos
+from tests.slam.io.photos.photo_files import fill, strip, warned
+
+
+def test_positions_of_a_table_are_preferred_to_those_of_the_tags(tmp_path):
+    rows = b"filename,latitude,longitude,altitude\nP0.JPG,31.5,-98.5,100\np2.jpg,31.6,-98.6,102\n"
+    rows += b"other.jpg,1,2,3\n"
+    flight = import_photos(fill(tmp_path, strip(3) | {"geotags.csv": rows}))
+    assert flight.gps.latitude_deg == pytest.approx([31.5, 30.0001, 31.6])
+    assert flight.gps.altitude_m == pytest.approx([100, 320.5, 102])
+    assert warned(flight, "positions of 2 of 3 photographs are those of geotags.csv")
+    assert warned(flight, "geotags.csv has positions of 1 file that are none of them (other.jpg)")
+    assert not warned(flight, "not read")
+
+
+def test_positions_by_folder_where_names_are_the_same(tmp_path):
+    files = {f"{k}/a.jpg": data for k, data in enumerate(strip(2, place=None).values())}
+    rows = b"image;lat;lon;alt [ft]\n0/a.jpg;31.5;-98.5;1000\n1\\a.jpg;31.6;-98.6;1001\n"
+    flight = import_photos(fill(tmp_path, files | {"places.txt": rows}))
+    assert flight.gps.latitude_deg == pytest.approx([31.5, 31.6])
+    assert flight.gps.altitude_m == pytest.approx(np.array([1000, 1001]) * 0.3048)
+
+
+def test_a_table_with_an_unknown_unit_is_told_and_not_used(tmp_path):
+    rows = b"filename,latitude,longitude,altitude [furlong]\nP0.jpg,31.5,-98.5,100\n"
+    flight = import_photos(fill(tmp_path, strip(2) | {"geotags.csv": rows}))
+    assert flight.gps.latitude_deg[0] == 30
+    assert warned(flight, "has the unit 'furlong'", "its positions are not used")
+
+
+def test_texts_that_are_not_read_are_named(tmp_path):
+    others = {"track.gpx": b"<gpx></gpx>", "notes.txt": b"windy", "gcp_list.txt": b"", "times.csv": b""}
+    others |= {"frames.csv": b"time [s],filename,range [m]\n0,P0.jpg,1\n"}
+    flight = import_photos(fill(tmp_path, strip(2) | others))
+    (line,) = warned(flight, "3 files beside the photographs are not read (notes.txt, times.csv, track.gpx)")
+    assert is_note(line)
+    assert warned(flight, "frames.csv tells times of pictures", f"give it itself, {tmp_path}/frames.csv")
