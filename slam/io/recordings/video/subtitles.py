@@ -46,7 +46,7 @@ _GIMBAL = re.compile(rf"G\.PRY\s*\(\s*({_NUMBER})\D*?,\s*({_NUMBER})\D*?,\s*({_N
 _EIS = re.compile(r"\[eis:\s*(\w+)\]", re.IGNORECASE)
 _NOT_STABILISED = ("close", "closed", "off", "none")
 _FACTORS = {"s": -1.0, "w": -1.0, "ft": 0.3048}
-"""What a letter behind or before a number makes of it: south and west are negative, feet become metres."""
+"""Factor of a number by the letter beside it: south and west are negative, feet become metres."""
 _KEYS = {
     "latitude": "latitude",
     "longitude": "longitude",
