@@ -68,7 +68,7 @@ def read_g2o(path: str | Path) -> PoseGraph:
     text = _text(Path(path))
     warnings: list[str] = []
     dropped: Counter[str] = Counter()
-    rows, fixed_rows = _rows(text, name, warnings, dropped)
+    rows, fixed_rows, others = _rows(text, name, warnings, dropped)
     dimensions = {_TAGS[tag].dimension for tag in rows if rows[tag]}
     if len(dimensions) == 2:
         raise BackendError(f"{name}: holds planar (SE2) and spatial (SE3) lines; split it into two files")
@@ -84,6 +84,11 @@ def read_g2o(path: str | Path) -> PoseGraph:
     index = np.searchsorted(ids, edge.ids)
     fixed = np.zeros(len(ids), dtype=bool)
     for line, number in fixed_rows:
+        if number in others and number not in ids:
+            warnings.append(
+                f"line {line}: FIX names vertex {number}, which is of a kind that is not used here"
+            )
+            continue
         if number not in ids:
             raise BackendError(f"{name}:{line}: FIX names vertex {number}, which the file does not hold")
         fixed[np.searchsorted(ids, number)] = True
@@ -122,10 +127,12 @@ def _text(path: Path) -> str:
 
 def _rows(
     text: str, name: str, warnings: list[str], dropped: Counter[str]
-) -> tuple[dict[str, list[tuple[int, list[str]]]], list[tuple[int, int]]]:
-    """Return lines by tag as (line number, fields), and the vertices that FIX names."""
+) -> tuple[dict[str, list[tuple[int, list[str]]]], list[tuple[int, int]], set[int]]:
+    """Return lines by tag as (line number, fields), the vertices that FIX names, and the vertices of kinds
+    that are not used, such as landmarks."""
     rows: dict[str, list[tuple[int, list[str]]]] = {tag: [] for tag in _TAGS}
     fixed: list[tuple[int, int]] = []
+    others: set[int] = set()
     unknown: Counter[str] = Counter()
     lines = text.split("\n")
     for number, line in enumerate(lines, 1):
@@ -135,6 +142,8 @@ def _rows(
         tag = _TAGS.get(fields[0])
         if tag is None and fields[0] != "FIX":
             unknown[fields[0][:40]] += 1
+            if fields[0].startswith("VERTEX") and len(fields) > 1 and fields[1].isdecimal():
+                others.add(int(fields[1]))
         elif tag is None:
             fixed += [(number, _integer(field, name, number)) for field in fields[1:]]
         elif len(fields) == 1 + tag.ids + tag.figures:
@@ -153,7 +162,7 @@ def _rows(
         warnings.append(
             f"{counted(unknown.total(), 'line')} of kinds that are not used here skipped: {listed}"
         )
-    return rows, fixed
+    return rows, fixed, others
 
 
 def _integer(field: str, name: str, line: int) -> int:

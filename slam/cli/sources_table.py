@@ -39,6 +39,6 @@ def show_sources(flight: Flight, screen: Screen) -> None:
     screen.table(FigureTable(title, ("stream", "channel", "type", "rows", "rate [Hz]", "units, axes"), rows))
     rivals = [f"{s.channel} ({s.reading})" for s in left if s.reading != NO_STREAM]
     others = [s.channel for s in left if s.reading == NO_STREAM]
-    for words, names in (("left", rivals), ("left, of no use to a flight", others)):
+    for words, names in (("left", rivals), ("left, not read", others)):
         if names:
             screen.line(f"{words}: {listed([one_line(name) for name in names], _MOST_CHANNELS)}")

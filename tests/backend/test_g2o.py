@@ -160,6 +160,12 @@ def test_invalid_files_raise_one_line_that_names_the_position(tmp_path: Path, te
     assert "\n" not in str(refused.value)
 
 
+def test_a_landmark_that_is_fixed_is_left_out_with_a_warning(tmp_path: Path):
+    graph = _read(tmp_path, PLANAR + "VERTEX_XY 9 1 2\nFIX 9 1\n")
+    assert graph.fixed.tolist() == [False, True]
+    assert any("FIX names vertex 9, which is of a kind" in line for line in graph.warnings)
+
+
 def test_missing_file_and_folder_are_refused(tmp_path: Path):
     with pytest.raises(BackendError, match="cannot be read"):
         read_g2o(tmp_path / "none.g2o")

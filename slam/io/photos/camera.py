@@ -43,6 +43,9 @@ nearer no tag tells."""
 _ASPECT_STD_RATIO = 0.005
 """Relative standard deviation of either focal length of ``DewarpData`` about both. Pixels are square, but
 these differ by 0.9 % (Phantom 4 Multispectral)."""
+_LEAST_SENSOR_MM = 2.4
+"""Width of the smallest sensors of cameras (1/6 inch). An editor that writes the new size, but leaves the
+resolution of the sensor, makes the sensor smaller."""
 _MAX_FOCAL_RATIO = 1.15
 """Largest ratio of the two Exif focal lengths. Rounding to a millimetre and crops lead to smaller ones."""
 
@@ -101,7 +104,8 @@ def _focal(tags: PhotoTags) -> _Focal:
     if tags.focal_35mm:
         px = tags.focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
         film = _Focal(px, "tags", f"from {tags.focal_35mm:g} mm on 35 mm film (Exif)")
-    if tags.focal_mm and tags.sensor_px_per_mm:
+    is_stale = bool(tags.sensor_px_per_mm) and _sensor_mm(tags) < _LEAST_SENSOR_MM
+    if tags.focal_mm and tags.sensor_px_per_mm and not is_stale:
         px = tags.focal_mm * tags.sensor_px_per_mm * scale
         remark = f"from {tags.focal_mm:g} mm and {tags.sensor_px_per_mm:.1f} px/mm of sensor (Exif){scaled}"
         if (
@@ -116,9 +120,16 @@ def _focal(tags: PhotoTags) -> _Focal:
     if film is not None:
         candidates.append(film)
     none = "no plausible one" if candidates else "none"
+    if is_stale:
+        none = f"no plausible one (a sensor {_sensor_mm(tags):.1f} mm wide: resized after the flight?)"
     remark = f"assumed: {ASSUMED_VIEW}; the tags give {none}; copy the originals with their tags"
     fallback = _Focal(assumed_focal_px(tags.size_px), "assumed", remark)
     return next((c for c in candidates if _is_plausible(c.px, tags)), fallback)
+
+
+def _sensor_mm(tags: PhotoTags) -> float:
+    """Return the width of the sensor by its resolution."""
+    return max(*tags.size_px, *(tags.original_size_px or ())) / (tags.sensor_px_per_mm or math.nan)
 
 
 def assumed_focal_px(size_px: tuple[int, int]) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted, either
 from slam.core.flight import Gps
+from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.messages import Note
 from slam.core.names import listed
 from slam.io.photos.photo_set import Photo
@@ -18,6 +19,8 @@ from slam.io.photos.unused_tags import unused_tags
 
 Array = NDArray[np.float64]
 
+_SAME_PLACE_M = 1.0
+"""Places that differ by less are those of one receiver, which a camera stores twice at other moments."""
 _NO_PLACE = (
     "the map has no metric scale and no place on Earth; copy the originals with their tags, or give "
     "control points (--gcp)"
@@ -48,6 +51,7 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
             f"altitude from the maker's tag; Exif's differs by up to {np.nanmax(gap_m):.0f} m; check the "
             "altitude of one point if altitudes matter"
         )
+    remarks += _places_differ(fixes)
     std_m, accuracy = _accuracy(fixes)
     gps = Gps(
         stamps_s[known],
@@ -78,6 +82,22 @@ def _altitudes(fixes: Sequence[PhotoPosition]) -> tuple[Array, list[str]]:
     return altitude_m, [
         f"{none}: heights count from the floor, and nothing tells where that lies above the sea; copy the "
         "originals with their tags, or give control points with heights (--gcp)"
+    ]
+
+
+def _places_differ(fixes: Sequence[PhotoPosition]) -> list[str]:
+    """Return a remark where Exif's places are not those of the maker's tags, which are used."""
+    gaps = [(p.exif_gap_deg, p.latitude_deg or 0.0) for p in fixes if p.exif_gap_deg is not None]
+    metres = [
+        np.hypot(north * METRES_PER_DEGREE, east * metres_per_degree_east(at)) for (north, east), at in gaps
+    ]
+    other = [m for m in metres if m > _SAME_PLACE_M]
+    if not other:
+        return []
+    return [
+        f"places of {counted(len(other), 'photograph')} from the maker's tags; Exif's differ by up to "
+        f"{max(other):.3g} m: if these were corrected afterwards (PPK), remove the maker's, for example "
+        "with exiftool -XMP-drone-dji:all="
     ]
 
 

@@ -32,6 +32,9 @@ class PhotoPosition:
     altitude_m: float | None = None
     exif_altitude_m: float | None = None
     """Exif altitude; ``altitude_m`` may come from the maker's own tag."""
+    exif_gap_deg: tuple[float, float] | None = None
+    """Differences in latitude and longitude of Exif from the maker's tags, beyond Exif's rounding; None where
+    one of both is missing."""
     std_m: tuple[float, float, float] | None = None
     """Standard deviations of east, north, up that the camera states."""
     height_above_takeoff_m: float | None = None
@@ -55,11 +58,13 @@ def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:
         number(xmp.text("drone", *LATITUDE_NAMES)),
         number(xmp.text("drone", *LONGITUDE_NAMES)),
     )
-    unsigned, letters = None, ""
+    unsigned, letters, gap_deg = None, "", None
     if lat is None or lon is None or (reason := position_fault(lat, lon)):
         if lat is not None and lon is not None and any((lat, lon)):
             faults.append(f"XMP: {reason}")
         lat, lon, unsigned, letters = _exif_place(gps, faults)
+    else:
+        gap_deg = _exif_gap_deg(gps, lat, lon)
     exif_altitude = number(gps.get(GPS.GPSAltitude))
     if exif_altitude is not None and _below_sea(gps.get(GPS.GPSAltitudeRef)):
         exif_altitude = -exif_altitude
@@ -71,12 +76,25 @@ def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:
         longitude_deg=lon,
         altitude_m=exif_altitude if altitude is None else altitude,
         exif_altitude_m=exif_altitude,
+        exif_gap_deg=gap_deg,
         std_m=_stated_std(gps, xmp),
         height_above_takeoff_m=takeoff,
         unsigned_deg=unsigned,
         letters=letters,
         faults=tuple(faults),
     )
+
+
+def _exif_gap_deg(gps: dict[int, Any], lat_deg: float, lon_deg: float) -> tuple[float, float] | None:
+    """Return how far Exif's latitude and longitude lie from others; 0 within the rounding of the seconds."""
+    exif_lat, exif_lon, _, _ = _exif_place(gps, [])
+    if exif_lat is None or exif_lon is None:
+        return None
+    gaps = []
+    for tag, gap_deg in ((GPS.GPSLatitude, exif_lat - lat_deg), (GPS.GPSLongitude, exif_lon - lon_deg)):
+        finest = max(getattr(part, "denominator", 1) * 60**k for k, part in enumerate(gps[tag]))
+        gaps.append(gap_deg if abs(gap_deg) > 1 / finest else 0.0)
+    return gaps[0], gaps[1]
 
 
 def _exif_place(

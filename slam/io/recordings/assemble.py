@@ -191,7 +191,7 @@ def _left(recording: Recording, chosen: tuple[Offer, ...]) -> list[StreamSource]
             reason = _reason(offer, rivals.get(offer.stream)) if offer.rows else "no rows"
             left[offer.channel] = (offer.kind, offer.rows, reason)
     for channel, kind, rows in recording.others:
-        left.setdefault(channel, (kind, rows, NO_STREAM))
+        left.setdefault(channel, (kind, rows, recording.unread.get(channel, NO_STREAM)))
     return [
         StreamSource(stream="", channel=channel, kind=kind, rows=rows, rate_hz=math.nan, reading=reason)
         for channel, (kind, rows, reason) in left.items()

@@ -132,6 +132,8 @@ class Recording:
     offers: tuple[Offer, ...]
     others: tuple[tuple[str, str, int], ...] = ()
     """Channels that no stream of a flight can take: name, type and number of rows."""
+    unread: Mapping[str, str] = field(default_factory=dict)
+    """Name of one of these -> why it is not read, where it would be of use otherwise."""
     read: Callable[[Sequence[Offer], Progress], Content]
     """Read the chosen channels. Raises ``InputError`` for damage that leaves nothing."""
     watch: Watch | None = None

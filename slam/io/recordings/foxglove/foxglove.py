@@ -12,8 +12,6 @@ from slam.io.recordings.foxglove.messages import TRANSFORMS, decoder, meaning_of
 from slam.io.recordings.mcap_file import McapChannel, McapFile
 from slam.io.recordings.readers import damage_reported, optional_reader
 from slam.io.recordings.recording import COPY_AGAIN, Recording
-from slam.io.recordings.ros.camera import info_topics
-from slam.io.recordings.ros.messages import CAMERA_INFO
 from slam.io.recordings.ros.open_bag import OpenBag
 from slam.io.recordings.ros.rosbag import recording_of
 
@@ -72,19 +70,6 @@ class FoxgloveBag(OpenBag):
         for channel, time_ns, data in self._file.messages([each.channel for each in connections], start_ns):
             connection = by_channel[id(channel)]
             yield connection, time_ns, connection.message(data)
-
-    def camera_info(self, image_topic: str) -> Message | None:
-        """Return the calibration with the frame of a topic of pictures, else the one named after it."""
-        names = info_topics(image_topic)
-        infos = [(c.topic, m) for c in self.of_kinds(CAMERA_INFO) for _, _, m in [self._first_of(c)] if m]
-        frame = self.frame_of(image_topic)
-        same_frame = (m for _, m in infos if frame and m.header.frame_id == frame)
-        same_name = (m for topic, m in infos if topic in names)
-        only = infos[0][1] if len(infos) == 1 else None
-        return next(same_frame, next(same_name, only))
-
-    def _first_of(self, connection: _Connection) -> tuple[Any, int, Message]:
-        return next(self.messages([connection]), (connection, 0, None))
 
 
 def _damage(file: McapFile) -> tuple[str, ...]:

@@ -92,6 +92,7 @@ def _calibration(values: Values) -> Message:
         height=int(values["height"]),
         distortion_model=str(values.get("distortion_model", "")),
         k=_numbers(values, "K"),
+        p=_numbers(values, "P"),
         d=_numbers(values, "D"),
     )
 

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slam.io.recordings.readers import damage_reported, optional_reader
-from slam.io.recordings.ros.camera import info_topics
-from slam.io.recordings.ros.messages import CAMERA_INFO, TRANSFORM_KINDS
+from slam.io.recordings.ros.messages import TRANSFORM_KINDS
 from slam.io.recordings.ros.open_bag import OpenBag
 from slam.io.recordings.ros.px4 import PACKAGE
 from slam.io.recordings.ros.transforms import transform_of
@@ -112,9 +111,3 @@ class Bag(OpenBag):
         if connections:
             for connection, time_ns, raw in self.reader.messages(connections, start=start_ns):
                 yield connection, time_ns, self.reader.deserialize(raw, connection.msgtype)
-
-    def camera_info(self, image_topic: str) -> Message | None:
-        """Return the first ``CameraInfo`` that is named after a topic of pictures."""
-        infos = {c.topic: c for c in self.of_kinds(CAMERA_INFO)}
-        found = next((infos[name] for name in info_topics(image_topic) if name in infos), None)
-        return None if found is None else next((m for _, _, m in self.messages([found])), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,17 @@ Array = NDArray[np.float64]
 Message = Any
 
 
+_DEPTH_WORDS = ("depth", "disparity")
+_CODED_KINDS = (
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+    "theora_image_transport/msg/Packet",
+    "foxglove_msgs/msg/CompressedVideo",
+    "foxglove.CompressedVideo",
+)
+_VIDEO_WORDS = ("h264", "h265", "hevc", "avc", "vp9", "av1")
+_CODED = "coded video ({}), which is not decoded: republish it as compressed pictures (image_transport)"
+
+
 def info_topics(image_topic: str) -> tuple[str, ...]:
     """Return the topics that may hold the ``CameraInfo`` of a topic of pictures."""
     parts = image_topic.split("/")
@@ -30,17 +42,35 @@ def device_of(image_topic: str) -> str:
     return folder if name.startswith("image") else f"{folder}/{name}"
 
 
-def camera_of(info: Message | None, first: Message, b_T_c: Array | None) -> tuple[Camera | None, list[str]]:
+def is_rectified(image_topic: str) -> bool:
+    """Return whether a topic has pictures without distortion by its name (``image_proc``)."""
+    return any(part.startswith("image_rect") for part in image_topic.split("/"))
+
+
+def info_of(infos: Sequence[tuple[str, Message]], image_topic: str, frame: str) -> Message | None:
+    """Return the calibration of a topic of pictures: the one named after it, else of its frame, else the only
+    one. ``infos``: topics with a ``CameraInfo``, and their first messages."""
+    by_topic = dict(infos)
+    named = next((by_topic[name] for name in info_topics(image_topic) if name in by_topic), None)
+    same_frame = (m for _, m in infos if frame and m.header.frame_id == frame)
+    only = infos[0][1] if len(infos) == 1 else None
+    return next(same_frame, only) if named is None else named
+
+
+def camera_of(
+    info: Message | None, first: Message, b_T_c: Array | None, rectified: bool = False
+) -> tuple[Camera | None, list[str]]:
     """Return the camera of a ``CameraInfo``, and the assumptions; None with the reason where unusable.
 
-    ``first`` is the first message with a picture, whose size holds for all.
+    ``first`` is the first message with a picture, whose size holds for all. ``rectified``: whether pictures
+    have no distortion any more.
     """
     if info is None:
         why = "no CameraInfo beside the pictures, so the lens is unknown; treated as not recorded"
         return None, [f"{why}; record camera_info with them"]
     size_px = _size_of(first) or (int(info.width), int(info.height))
     try:
-        lens, notes = lens_of(info, size_px)
+        lens, notes = lens_of(info, size_px, rectified)
     except UnknownLensError as reason:
         return None, [f"{reason}; treated as not recorded"]
     if b_T_c is None:
@@ -81,18 +111,35 @@ def picture_of(message: Message) -> Raw | bytes:
     return data
 
 
+def is_without_meaning(message: Message) -> bool:
+    """Return whether the encoding of a picture tells its samples only, as those of heat and of depths do."""
+    return getattr(message, "encoding", "") == "16UC1"
+
+
+def why_unread(kind: str, message: Message | None) -> str:
+    """Return why pictures of a topic cannot be read, and the next step; empty for what is no picture."""
+    if kind in _CODED_KINDS:
+        return _CODED.format(kind.partition("/")[0].removesuffix("_image_transport_msgs"))
+    if message is None or not hasattr(message, "format"):
+        return ""
+    code = message.format.lower()
+    return _CODED.format(message.format[:20]) if any(word in code for word in _VIDEO_WORDS) else ""
+
+
 def suffix_of_message(message: Message) -> str:
     """Return the suffix of the file that a picture becomes."""
     return ".png" if hasattr(message, "encoding") else suffix_of(bytes(message.data))
 
 
-def is_picture(message: Message) -> bool:
+def is_picture(message: Message, topic: str) -> bool:
     """Return whether a message holds a picture for the eye, not depths or another code.
 
-    A compressed one is known by its format or, as some drivers leave that empty, by its first bytes.
+    A compressed one is known by its format or, as some drivers leave that empty, by its first bytes. Pixels
+    of 16 bits without a meaning are heat, or depths by the name of their topic.
     """
     if hasattr(message, "encoding"):
-        return ros_pixels.is_known(message.encoding)
+        is_depth = is_without_meaning(message) and any(word in topic.lower() for word in _DEPTH_WORDS)
+        return ros_pixels.is_known(message.encoding) and not is_depth
     code = message.format.lower()
     is_named = any(word in code for word in ("jpeg", "jpg", "png"))
     return "depth" not in code and (is_named or _size_of(message) is not None)

@@ -14,6 +14,7 @@ from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from backend.measurements import LensModel
+from slam.core.messages import Note
 from slam.io.camera_folder import EQUIDISTANT
 from slam.io.lens_fit import fisheye_angles, fitted_radial, viewing_angles, within_view
 
@@ -40,11 +41,18 @@ class UnknownLensError(Exception):
     """A ``CameraInfo`` that describes no lens; the message is the reason and the next step."""
 
 
-def lens_of(info: Message, size_px: tuple[int, int]) -> tuple[Lens, list[str]]:
+def lens_of(info: Message, size_px: tuple[int, int], rectified: bool = False) -> tuple[Lens, list[str]]:
     """Return the lens for pictures of ``size_px``, and a line for everything that is assumed.
 
-    Raises ``UnknownLensError``.
+    That of ``rectified`` pictures is ``P``, without distortion. Raises ``UnknownLensError``.
     """
+    projection = np.asarray(getattr(info, "p", getattr(info, "P", np.zeros(12))), float)
+    if rectified and projection.size == 12 and projection[0] > 0 and projection[5] > 0:
+        (fx, fy, cx, cy), notes = _in_picture(info, projection.reshape(3, 4), size_px)
+        return Lens((fx, fy), (cx, cy)), [
+            *notes,
+            Note("rectified pictures, by the name of their topic: focal length of P, no lens distortion"),
+        ]
     matrix = np.asarray(getattr(info, "k", getattr(info, "K", np.zeros(9))), float).reshape(3, 3)
     coefficients = np.asarray(getattr(info, "d", getattr(info, "D", ())), float)
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:

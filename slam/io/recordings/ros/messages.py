@@ -125,8 +125,8 @@ def _range_limits(rows: Array) -> dict[str, Value]:
     return limits | ({"beam_width": repr(beam_rad)} if 0 < beam_rad < np.pi else {})
 
 
-def _ranges(rows: Array, b_T_s: Array | None) -> Array:
-    """Return ranges (n, 1), NaN where they are out of the limits, or infinite."""
+def ranges_within(rows: Array, b_T_s: Array | None) -> Array:
+    """Return ranges (n, 1) of rows with range and limits, NaN where they are beyond these, or infinite."""
     is_known = within(rows[:, 0], stated_limits(rows[:, 1], rows[:, 2]))
     return np.where(is_known[:, None], rows[:, :1], np.nan)
 
@@ -151,7 +151,8 @@ def _twist(m: Message) -> tuple[float, ...]:
     return _vector(m.twist.twist.linear if hasattr(m.twist, "twist") else m.twist.linear)
 
 
-def _level(rows: Array, b_T_s: Array | None) -> Array:
+def level_velocity(rows: Array, b_T_s: Array | None) -> Array:
+    """Return the first two components (n, 2) of velocities, taken as level."""
     return rows[:, :2]
 
 
@@ -239,20 +240,23 @@ _POSE = "m, quaternion; body in the world"
 _LEVEL = "m/s forward and left, taken as level"
 _LEVELLED = "m/s, levelled by the attitude"
 IMU, ODOMETRY = "sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry"
-RANGE_KINDS = ("sensor_msgs/msg/Range",)
+LASER_SCAN = "sensor_msgs/msg/LaserScan"
+RANGE_KINDS = ("sensor_msgs/msg/Range", LASER_SCAN)
 """Types of the sensors that measure along their x."""
 _NAVDATA = "ardrone_autonomy/msg/Navdata"
 _GEOMETRY = "geometry_msgs/msg/"
 STANDARD_RULES: tuple[RosRule, ...] = (
     RosRule("imu0", IMU, _imu, _same, "rad/s, m/s²", is_mounted=True, vectors=(slice(0, 3), slice(3, 6))),
-    RosRule("sonar0", "sensor_msgs/msg/Range", _range, _ranges, "m along x", _range_limits, is_mounted=True),
+    RosRule(
+        "sonar0", "sensor_msgs/msg/Range", _range, ranges_within, "m along x", _range_limits, is_mounted=True
+    ),
     RosRule("sonar0", _NAVDATA, lambda m: (m.altd,), _from_millimetres, "mm to m"),
     RosRule("attitude0", f"{_GEOMETRY}QuaternionStamped", _stamped, _angles, "quaternion"),
     RosRule("attitude0", IMU, _imu_attitude, _angles, "quaternion"),
     RosRule("attitude0", ODOMETRY, _quaternion_of_odometry, _angles, "quaternion", frame=_frame_of_twist),
     RosRule("attitude0", _NAVDATA, lambda m: (m.rotX, m.rotY, m.rotZ), _driver_angles, "deg to rad"),
-    RosRule("velocity0", f"{_GEOMETRY}TwistStamped", _twist, _level, _LEVEL),
-    RosRule("velocity0", f"{_GEOMETRY}TwistWithCovarianceStamped", _twist, _level, _LEVEL),
+    RosRule("velocity0", f"{_GEOMETRY}TwistStamped", _twist, level_velocity, _LEVEL),
+    RosRule("velocity0", f"{_GEOMETRY}TwistWithCovarianceStamped", _twist, level_velocity, _LEVEL),
     RosRule(
         "velocity0",
         ODOMETRY,

@@ -6,6 +6,7 @@ import contextlib
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,8 +18,8 @@ from slam.core.flight import Image
 from slam.io.files import brief
 from slam.io.images import UnreadableImageError, levels_of_sample, sample_of
 from slam.io.levels import Raw
-from slam.io.recordings.ros.camera import picture_of
-from slam.io.recordings.ros.messages import IMAGE_KINDS
+from slam.io.recordings.ros.camera import info_of, picture_of
+from slam.io.recordings.ros.messages import CAMERA_INFO, IMAGE_KINDS
 from slam.io.recordings.ros.rules import RULES
 from slam.io.recordings.ros.transforms import BODY_FRAMES, MountTree, is_optical, transform_of
 
@@ -72,9 +73,15 @@ class OpenBag(ABC):
     ) -> Iterator[tuple[Any, int, Message]]:
         """Yield connection, time of recording [ns] and message, in the order of recording."""
 
-    @abstractmethod
+    @cached_property
+    def _infos(self) -> list[tuple[str, Message]]:
+        """Topics with a ``CameraInfo``, and their first messages."""
+        found = [(c.topic, self.first_message(c.topic)) for c in self.of_kinds(CAMERA_INFO)]
+        return [(topic, message) for topic, message in found if message is not None]
+
     def camera_info(self, image_topic: str) -> Message | None:
-        """Return the first ``CameraInfo`` of a topic of pictures; None without."""
+        """Return the calibration of a topic of pictures; None without."""
+        return info_of(self._infos, image_topic, self.frame_of(image_topic))
 
     def find_first(self) -> None:
         """Read the first messages of the topics that can fill a stream."""

@@ -36,6 +36,7 @@ _ENCODINGS = {
     "bgra8": _Encoding(4, cv2.COLOR_BGRA2BGR),
     "rgba8": _Encoding(4, cv2.COLOR_RGBA2BGR),
     "mono16": _Encoding(1, None, 2),
+    "16UC1": _Encoding(1, None, 2),
     "bgr16": _Encoding(3, None, 2),
     "rgb16": _Encoding(3, cv2.COLOR_RGB2BGR, 2),
     **{f"{name}{8 * size}": _Encoding(1, code, size) for name, code in _BAYER.items() for size in (1, 2)},

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.wording import counted, either
+from backend.wording import either
 from frontend.camera import Camera
 from slam.core.messages import same_kind
 from slam.core.progress import Progress
@@ -50,8 +49,8 @@ from slam.io.recordings.ros.messages import (
     RosRule,
 )
 from slam.io.recordings.ros.open_bag import BagPictures, OpenBag
-from slam.io.recordings.ros.px4 import PACKAGE
 from slam.io.recordings.ros.rules import RULES
+from slam.io.recordings.ros.series import TopicSeries
 from slam.io.recordings.ros.transforms import mount_entry
 from slam.io.recordings.schedule import CHAIN, GLANCE
 from slam.io.sensor_yaml import Value
@@ -63,52 +62,6 @@ _PROGRESS_STEP = 500
 _LONGEST_TRANSPORT_S = 10.0
 """A message is recorded within seconds; a longer delay is another clock."""
 _TF = "/tf_static"
-
-
-@dataclass
-class _Series:
-    """Messages of one topic, as they are read."""
-
-    rule: RosRule | None
-    """None for pictures."""
-    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
-    recorded_ns: array[int] = field(default_factory=lambda: array("q"))
-    rows: array[float] = field(default_factory=lambda: array("d"))
-    first: Message = None
-    without_stamp: int = 0
-    has_header: bool = True
-    is_of_px4: bool = False
-    """Whether messages have PX4's stamp, in microseconds, instead of a header."""
-
-    def add(self, recorded_ns: int, message: Message) -> None:
-        if self.first is None:
-            self.first, self.has_header = message, hasattr(message, "header")
-            self.is_of_px4 = self.rule is not None and self.rule.kind.startswith(PACKAGE)
-        stamp_ns = 0
-        if self.has_header:
-            stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        elif self.is_of_px4:
-            stamp_ns = int(message.timestamp) * 1000
-        self.without_stamp += stamp_ns == 0
-        self.stamps_ns.append(stamp_ns or recorded_ns)
-        self.recorded_ns.append(recorded_ns)
-        if self.rule is not None:
-            self.rows.extend(self.rule.row(message))
-
-    def table(self) -> tuple[NDArray[np.int64], Array]:
-        """Return stamps (n,) and rows (n, c)."""
-        stamps_ns = np.array(self.stamps_ns, dtype=np.int64)
-        return stamps_ns, np.array(self.rows).reshape(len(stamps_ns), -1)
-
-    def notes(self) -> list[str]:
-        if not self.without_stamp:
-            return []
-        what = (
-            "messages have no header"
-            if not (self.has_header or self.is_of_px4)
-            else counted(self.without_stamp, "stamp is zero", "stamps are zero")
-        )
-        return [f"{what}: the time of recording is used; stamp them where they are measured"]
 
 
 def open_recording(path: Path, *later: Path) -> Recording:
@@ -131,7 +84,7 @@ def recording_of(bag: OpenBag, description: str) -> Recording:
     def watch(offer: Offer, alone: bool) -> tuple[Camera, Iterator[Burst]] | None:
         topic = offer.channel
         with damage_reported(bag.path, description):
-            camera, _ = ros_camera.camera_of(bag.camera_info(topic), bag.first[topic], None)
+            camera, _ = _camera(bag, topic, bag.first[topic], None)
             body = None if alone else _body_channel(bag, offers)
         return None if camera is None else (camera, bursts_of(bag, topic, body, CHAIN if alone else GLANCE))
 
@@ -141,6 +94,11 @@ def recording_of(bag: OpenBag, description: str) -> Recording:
         description=description,
         offers=tuple(offers),
         others=tuple(sorted(others)),
+        unread={
+            topic: why
+            for topic, kind, _ in others
+            if (why := ros_camera.why_unread(kind.split(" ")[0], bag.first.get(topic)))
+        },
         read=read,
         watch=watch,
     )
@@ -165,7 +123,7 @@ def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
     """
     for topic, kind, rows in bag.topics(*IMAGE_KINDS):
         first = bag.first.get(topic)
-        if first is None or not ros_camera.is_picture(first):
+        if first is None or not ros_camera.is_picture(first, topic):
             continue
         b_T_c = bag.mount_of(topic)
         look, mount = Look.of(topic, bag.frame_of(topic)), ""
@@ -181,6 +139,7 @@ def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
             rows=rows,
             reading=f"{brief(encoding, 40)}{mount}",
             rank=len(IMAGE_KINDS) * (bag.camera_info(topic) is None) + IMAGE_KINDS.index(kind),
+            is_indirect=ros_camera.is_without_meaning(first),
             look=look,
             is_declared=b_T_c is not None,
             device=ros_camera.device_of(topic),
@@ -212,8 +171,8 @@ def _read(bag: OpenBag, chosen: Sequence[Offer], progress: Progress) -> Content:
         for offer in chosen
         if offer.stream != "cam0" and (companion := companion_of(bag, _rule(offer), offer.channel))
     }
-    series = {offer.stream: _Series(None if offer.stream == "cam0" else _rule(offer)) for offer in chosen}
-    series |= {companion.topic: _Series(companion.rule) for companion in companions.values()}
+    series = {offer.stream: TopicSeries(None if offer.stream == "cam0" else _rule(offer)) for offer in chosen}
+    series |= {companion.topic: TopicSeries(companion.rule) for companion in companions.values()}
     by_topic = {companion.topic: [series[companion.topic]] for companion in companions.values()}
     for offer in chosen:
         by_topic.setdefault(offer.channel, []).append(series[offer.stream])
@@ -235,7 +194,7 @@ def _rule(offer: Offer) -> RosRule:
     return RULES[offer.rank]
 
 
-def _pass(bag: OpenBag, by_topic: dict[str, list[_Series]], progress: Progress) -> list[str]:
+def _pass(bag: OpenBag, by_topic: dict[str, list[TopicSeries]], progress: Progress) -> list[str]:
     """Read the messages of some topics; where the bag is damaged, keep what came before."""
     connections = [c for c in bag.connections if c.topic in by_topic]
     total = sum(c.msgcount for c in connections)
@@ -267,7 +226,7 @@ def _pass(bag: OpenBag, by_topic: dict[str, list[_Series]], progress: Progress) 
     )
 
 
-def _one_clock(series: dict[str, _Series]) -> list[str]:
+def _one_clock(series: dict[str, TopicSeries]) -> list[str]:
     """Move streams whose headers have another clock than the other ones onto that of the recorder.
 
     A driver may state the time since the start of its device. Streams of one clock keep their times relative
@@ -297,7 +256,7 @@ def _one_clock(series: dict[str, _Series]) -> list[str]:
 
 
 def _readings(
-    bag: OpenBag, offer: Offer, all_series: Mapping[str, _Series], companion: Companion | None
+    bag: OpenBag, offer: Offer, all_series: Mapping[str, TopicSeries], companion: Companion | None
 ) -> StreamReadings:
     series = all_series[offer.stream]
     rule = series.rule
@@ -324,8 +283,12 @@ def _readings(
     return StreamReadings(stamps_ns, rule.values(rows, mount), nominal, tuple(notes))
 
 
-def _pictures(bag: OpenBag, topic: str, series: _Series) -> tuple[PictureChannel | None, list[str]]:
-    camera, notes = ros_camera.camera_of(bag.camera_info(topic), series.first, bag.mount_of(topic))
+def _camera(bag: OpenBag, topic: str, first: Message, b_T_c: Array | None) -> tuple[Camera | None, list[str]]:
+    return ros_camera.camera_of(bag.camera_info(topic), first, b_T_c, ros_camera.is_rectified(topic))
+
+
+def _pictures(bag: OpenBag, topic: str, series: TopicSeries) -> tuple[PictureChannel | None, list[str]]:
+    camera, notes = _camera(bag, topic, series.first, bag.mount_of(topic))
     if camera is None:
         return None, [same_kind(line, f"cam0: {topic}: {line}") for line in notes]
     suffix = ros_camera.suffix_of_message(series.first)

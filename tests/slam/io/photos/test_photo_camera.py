@@ -84,3 +84,13 @@ def test_implausible_tag_is_ignored(absurd):
 def test_one_damaged_tag_does_not_change_the_camera():
     camera, _ = photo_camera([replace(CANON, sensor_px_per_mm=900.0), CANON, replace(PLAIN), CANON, CANON])
     assert camera.focal_px[0] == pytest.approx(1452, abs=0.5)
+
+
+@pytest.mark.parametrize("original_px", [(800, 600), None])
+def test_the_resolution_of_a_sensor_that_would_be_tiny_is_that_of_the_original(original_px):
+    """A picture of 4000 px was resized to 800 px; 656 px/mm would make its sensor 1.2 mm wide."""
+    resized = replace(CANON, size_px=(800, 600), original_size_px=original_px, sensor_px_per_mm=656.0)
+    camera, remarks = photo_camera([resized])
+    assert camera.focal_std_ratio == 0.3, "assumed"
+    assert "a sensor 1.2 mm wide" in remarks[0]
+    assert photo_camera([replace(resized, focal_35mm=28.0)])[0].focal_std_ratio == 0.03

@@ -114,6 +114,21 @@ def test_an_absurd_xmp_latitude_gives_way_to_exif(tmp_path):
     assert remark(flight, "XMP: latitude 95 degrees is beyond 90", "(a.jpg)")
 
 
+@pytest.mark.parametrize(("east_deg", "told"), [(0.001, True), (0.000002, False)])
+def test_places_of_exif_that_differ_from_those_of_the_maker_are_told(tmp_path, east_deg, told):
+    drone = {"GpsLatitude": "30.1705", "GpsLongitude": f"{-98.0902 + east_deg:.7f}"}
+    flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(drone=drone)}))
+    assert flight.gps.longitude_deg[0] == pytest.approx(-98.0902 + east_deg)
+    assert any("Exif's differ by up to 96.2 m" in line for line in flight.warnings) == told
+
+
+def test_places_of_exif_may_be_rounded_to_seconds(tmp_path):
+    whole = {GPS.GPSLatitude: (IFDRational(30, 1), IFDRational(10, 1), IFDRational(13, 1))}
+    drone = {"GpsLatitude": "30.1705", "GpsLongitude": "-98.0902"}
+    flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(drone=drone, gps=whole)}))
+    assert not any("Exif's differ" in line for line in flight.warnings), "0.8 seconds are 25 m"
+
+
 def test_the_horizontal_error_of_exif_is_read(tmp_path):
     error = {GPS.GPSHPositioningError: IFDRational(3, 2)}
     flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(gps=error)}))

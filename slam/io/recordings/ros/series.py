@@ -1,0 +1,65 @@
+"""The messages of one topic of a ROS recording, as they are read."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.wording import counted
+from slam.io.recordings.ros.messages import RosRule
+from slam.io.recordings.ros.px4 import PACKAGE
+
+Array = NDArray[np.float64]
+Message = Any
+
+
+@dataclass
+class TopicSeries:
+    """Messages of one topic, as they are read."""
+
+    rule: RosRule | None
+    """None for pictures."""
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
+    recorded_ns: array[int] = field(default_factory=lambda: array("q"))
+    rows: array[float] = field(default_factory=lambda: array("d"))
+    first: Message = None
+    without_stamp: int = 0
+    has_header: bool = True
+    is_of_px4: bool = False
+    """Whether messages have PX4's stamp, in microseconds, instead of a header."""
+
+    def add(self, recorded_ns: int, message: Message) -> None:
+        """Add a message with its time of recording [ns]."""
+        if self.first is None:
+            self.first, self.has_header = message, hasattr(message, "header")
+            self.is_of_px4 = self.rule is not None and self.rule.kind.startswith(PACKAGE)
+        stamp_ns = 0
+        if self.has_header:
+            stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        elif self.is_of_px4:
+            stamp_ns = int(message.timestamp) * 1000
+        self.without_stamp += stamp_ns == 0
+        self.stamps_ns.append(stamp_ns or recorded_ns)
+        self.recorded_ns.append(recorded_ns)
+        if self.rule is not None:
+            self.rows.extend(self.rule.row(message))
+
+    def table(self) -> tuple[NDArray[np.int64], Array]:
+        """Return stamps (n,) and rows (n, c)."""
+        stamps_ns = np.array(self.stamps_ns, dtype=np.int64)
+        return stamps_ns, np.array(self.rows).reshape(len(stamps_ns), -1)
+
+    def notes(self) -> list[str]:
+        """Return a line where stamps are those of the recorder."""
+        if not self.without_stamp:
+            return []
+        what = (
+            "messages have no header"
+            if not (self.has_header or self.is_of_px4)
+            else counted(self.without_stamp, "stamp is zero", "stamps are zero")
+        )
+        return [f"{what}: the time of recording is used; stamp them where they are measured"]
