@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import gtsam
@@ -38,7 +39,7 @@ from backend.preintegration.intervals import (
     preintegrate,
 )
 from backend.preintegration.limits import MOST_SIGMAS
-from backend.robust import robust_unit
+from backend.robust import robust, robust_unit
 
 Array = NDArray[np.float64]
 
@@ -235,12 +236,7 @@ def add_inertial(
     factors: InertialNoiseFactors,
 ) -> None:
     """Add priors on biases and constants of the IMU, then the homographies, and the intervals last."""
-    noise = part.inertial.noise
-    offsets = np.repeat([noise.accel_offset_m_s2, noise.gyro_offset_rad_s], 3)
-    first = gtsam.noiseModel.Diagonal.Sigmas(offsets)
-    for run in chains(part.intervals):
-        # A bias may jump where the readings fail.
-        graph.push_back(gtsam.PriorFactorConstantBias(BIAS(run[0].i), gtsam.imuBias.ConstantBias(), first))
+    _add_biases(graph, part)
     constants = gtsam.noiseModel.Gaussian.Covariance(_constants_covariance(part.inertial))
     graph.push_back(gtsam.PriorFactorVector(IMU, _nominal_constants(part), constants))
     part.path.frames.add(graph, at, factors.frames)
@@ -249,6 +245,26 @@ def add_inertial(
         whitening = interval.whitening(factors.gyro, factors.accel)
         keys, by_gain = part.keys(interval, world), part.by_gain[interval.i]
         graph.push_back(inertial_factor(interval, whitening, by_gain, keys, b_T_c, unit))
+
+
+def _add_biases(graph: gtsam.NonlinearFactorGraph, part: InertialPart) -> None:
+    """Add the prior on the bias, once for all chains, and the walk of the bias between these.
+
+    The walk goes on where readings are lost. It may jump across intervals that were cut. The robust loss lets
+    it jump elsewhere too, where the readings show it.
+    """
+    noise, none = part.inertial.noise, gtsam.imuBias.ConstantBias()
+    offsets = np.repeat([noise.accel_offset_m_s2, noise.gyro_offset_rad_s], 3)
+    walks = np.repeat([noise.accel_walk, noise.gyro_walk], 3)
+    runs = list(chains(part.intervals))
+    first = gtsam.noiseModel.Diagonal.Sigmas(offsets)
+    graph.push_back(gtsam.PriorFactorConstantBias(BIAS(runs[0][0].i), none, first))
+    for before, after in pairwise(runs):
+        left, right = before[-1].j, after[0].i
+        walk = walks * np.sqrt(part.path.stamps_s[right] - part.path.stamps_s[left])
+        jumps = any(left <= k < right for k in part.cut)
+        model = robust(gtsam.noiseModel.Diagonal.Sigmas(np.hypot(walk, offsets if jumps else 0.0)))
+        graph.push_back(gtsam.BetweenFactorConstantBias(BIAS(left), BIAS(right), none, model))
 
 
 def _nominal_constants(part: InertialPart) -> Array:

@@ -120,14 +120,20 @@ def inertial_link(readings: MeasuredInterval, isam: gtsam.ISAM2, w_T_j: Array | 
     else:
         assert w_T_j is not None
         velocity, bias = (w_T_j[:3, 3] - begin.translation()) / lasts_s, gtsam.imuBias.ConstantBias()
-        values.insert(VELOCITY(i), velocity)
-        values.insert(BIAS(i), bias)
-        offsets = np.repeat([noise.accel_offset_m_s2, noise.gyro_offset_rad_s], 3)
+        offsets = gtsam.noiseModel.Diagonal.Sigmas(
+            np.repeat([noise.accel_offset_m_s2, noise.gyro_offset_rad_s], 3)
+        )
         any_velocity = gtsam.noiseModel.Isotropic.Sigma(3, _ANY_SPEED_M_S)
         factors.push_back(gtsam.PriorFactorVector(VELOCITY(i), np.zeros(3), any_velocity))
-        factors.push_back(
-            gtsam.PriorFactorConstantBias(BIAS(i), bias, gtsam.noiseModel.Diagonal.Sigmas(offsets))
-        )
+        earlier = next((k for k in reversed(range(i)) if has_velocity(isam, k)), None)
+        if earlier is None:
+            factors.push_back(gtsam.PriorFactorConstantBias(BIAS(i), bias, offsets))
+        else:
+            # One sensor, whose prior counts once; where readings fail, its bias may jump.
+            factors.push_back(gtsam.BetweenFactorConstantBias(BIAS(earlier), BIAS(i), bias, offsets))
+            bias = isam.calculateEstimateConstantBias(BIAS(earlier))
+        values.insert(VELOCITY(i), velocity)
+        values.insert(BIAS(i), bias)
     end = integrated.predict(gtsam.NavState(begin, velocity), bias)
     values.insert(VELOCITY(j), end.velocity())
     values.insert(BIAS(j), bias)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import gtsam
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -187,3 +188,13 @@ def test_a_gyro_with_swapped_axes_is_left_out():
     made = flown(5, gyro_turned=True)
     with pytest.raises(BackendError, match=f"no relative pose joins keyframe {made.gap + 1} "):
         made.replayed()
+
+
+def test_the_prior_on_the_bias_counts_once_however_often_readings_are_lost():
+    made = flown(0)
+    for k in (24, 27, 30):
+        del made.intervals[k]
+    graph = made.replayed()._received.graph()
+    factors = [graph.at(k) for k in range(graph.size())]
+    assert sum(isinstance(f, gtsam.PriorFactorConstantBias) for f in factors) == 1
+    assert sum(isinstance(f, gtsam.BetweenFactorConstantBias) for f in factors) == 3
