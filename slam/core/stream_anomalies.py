@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import bdtrc
 
 from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
@@ -30,6 +31,9 @@ _MEAN_S = 1.0
 """Duration of a mean: vibration averages out, and gravity does not."""
 _NEAR_END = 0.05
 """Share of a channel's range beside either end. A healthy sensor has more readings there than at the end."""
+_LEAST_CLIPPED, _FALSE_CLIPPING = 3, 1e-5
+"""Fewest readings at an end of the range, as a logger may write one twice; and the probability that as many
+are rounded to one value by chance, if larger readings are no more frequent than smaller ones."""
 
 
 def camera_anomalies(camera: Camera) -> list[str]:
@@ -79,34 +83,47 @@ def imu_axis_anomalies(imu: Imu) -> list[str]:
     return []
 
 
+def at_range_end(values: Array) -> NDArray[np.bool_]:
+    """Return which readings (n, c), in the sensor's axes, are at an end of its range.
+
+    The largest or smallest reading is an end if more readings equal it than lie beside it, and more than
+    rounding explains. Where none lies beside it, the readings have no noise, and nothing is known.
+    """
+    found = np.zeros(values.shape, dtype=bool)
+    for column, ends in zip(values.T, found.T, strict=True):
+        known = column[np.isfinite(column)]
+        near = _NEAR_END * float(np.ptp(known)) if len(known) else 0.0
+        for end in (known.min(), known.max()) if near > 0 else ():
+            around = known[np.abs(known - end) <= near]
+            count = int(np.sum(around == end))
+            if count < _LEAST_CLIPPED or not count > len(around) - count > 0:
+                continue
+            steps = 1 + near / float(np.diff(np.unique(known)).min())
+            if bdtrc(count - 1, len(around), 1 / steps) < _FALSE_CLIPPING:
+                ends |= column == end
+    return found
+
+
 def clipped_share(values: Array) -> float:
     """Return the share of readings (n, c), in the sensor's axes, at an end of its range: the largest of a
-    channel.
-
-    The largest or smallest reading is an end if more readings equal it than lie beside it. Where none lies
-    beside it, the readings have no noise, and nothing is known.
-    """
-    shares = [0.0]
-    for column in (column[np.isfinite(column)] for column in values.T):
-        clipped, near = 0, _NEAR_END * float(np.ptp(column)) if len(column) else 0.0
-        for end in (column.min(), column.max()) if near > 0 else ():
-            at_end = int(np.sum(column == end))
-            beside = int(np.sum(np.abs(column - end) <= near)) - at_end
-            clipped += at_end if at_end > beside > 0 else 0
-        shares.append(clipped / max(len(column), 1))
-    return max(shares)
+    channel."""
+    known = np.maximum(np.isfinite(values).sum(axis=0), 1)
+    return float(np.max(at_range_end(values).sum(axis=0) / known, initial=0.0))
 
 
 def clipping_anomalies(imu: Imu) -> list[str]:
     """Return a line for accelerometer and gyro each, if its readings are at the end of its range."""
-    sensors = (("accelerometer", imu.accel_m_s2), ("gyro", imu.gyro_rad_s))
-    clipped = [(name, clipped_share(values)) for name, values in sensors]
-    return [
-        f"imu0: {100 * share:.0f} % of the readings of the {name} are at the end of its range; what was "
-        "beyond is lost: set a wider range"
-        for name, share in clipped
-        if share > SATURATED_SHARE
-    ]
+    lines = []
+    for name, values in (("accelerometer", imu.accel_m_s2), ("gyro", imu.gyro_rad_s)):
+        share, count = clipped_share(values), int(at_range_end(values).any(axis=1).sum())
+        if count == 0:
+            continue
+        many = f"{100 * share:.0f} %" if share > SATURATED_SHARE else f"{count}"
+        lines.append(
+            f"imu0: {many} of the readings of the {name} are at the end of its range; what was beyond is "
+            "lost: set a wider range"
+        )
+    return lines
 
 
 def sonar_anomalies(sonar: Sonar) -> list[str]:

@@ -13,6 +13,7 @@ from frontend.camera import Camera
 from frontend.homography import transfer
 from slam.core.flight import AttitudeSeries, Flight, Imu, Velocity
 from slam.core.instrument_readings import inertial_readings
+from slam.core.stream_anomalies import at_range_end
 from slam.inertial.variogram import noise_and_power
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import Observations
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 _SPACING_S = 0.2
 """Spacing of pictures, as far as there are so many: it resolves motion up to 2.5 Hz, faster than a small
 vehicle turns its thrust. Closer ones share their errors."""
+_LEAST_MEANS = 20
+"""Fewest means that tell a density, to a sixth of it."""
 _LEAST_GAIN_STD = 1e-3
 """Least standard deviation of the gain of a velocity whose scale is stated as exact."""
 
@@ -30,39 +33,55 @@ def inertial_measurements(imu: Imu | None, config: PipelineConfig) -> Inertial |
     """Return the readings in body axes with their noise; None without an IMU.
 
     The noise is the nominal one, or that of the recording where it is clearly larger. The residuals of the
-    refinement show what vibration adds.
+    refinement show what else adds to it.
     """
     stated = stated_inertial(imu, config)
     if stated is None:
         return None
     readings, noise = stated.readings, stated.noise
     step_s = float(np.median(np.diff(readings.stamps_s)))
-    gyro, accel = (
-        float(noise_and_power(values, step_s, nominal / np.sqrt(step_s))[0] * np.sqrt(step_s))
-        for values, nominal in (
-            (readings.gyro_rad_s, noise.gyro_density),
-            (readings.accel_m_s2, noise.accel_density),
-        )
-    )
+    gyro = _density(readings.gyro_rad_s, step_s, noise.gyro_density)
+    accel = _density(readings.accel_m_s2, step_s, noise.accel_density)
     return replace(stated, noise=replace(noise, gyro_density=gyro, accel_density=accel))
 
 
+def _density(values: Array, step_s: float, nominal: float) -> float:
+    """Return the density of white noise in readings (n, 3), ``nominal`` at least.
+
+    Vibration looks like white noise from one reading to the next, but cancels in the integral between two
+    pictures. So the means over that time limit the density; their second differences hide slow motion.
+    """
+    between = float(noise_and_power(values, step_s, nominal / np.sqrt(step_s))[0] * np.sqrt(step_s))
+    count = max(1, round(_SPACING_S / step_s))
+    means = values[: len(values) // count * count].reshape(-1, count, values.shape[1]).mean(axis=1)
+    if len(means) < _LEAST_MEANS:
+        return between
+    # Of white noise they have 1 + 4 + 1 times the variance of a mean.
+    of_means = np.mean(np.diff(means, 2, axis=0) ** 2) / 6
+    return max(nominal, min(between, float(np.sqrt(of_means * count * step_s))))
+
+
 def stated_inertial(imu: Imu | None, config: PipelineConfig) -> Inertial | None:
-    """Return the readings in body axes with the noise that the sensor states; None without two readings."""
+    """Return the readings in body axes with the noise that the sensor states; None without two readings.
+
+    Those at an end of the sensor's range are invalid. A walk of a bias that is not stated is nominal.
+    """
     readings, trust = inertial_readings(imu), config.inertial
     if imu is None or readings is None:
         return None
     noise = InertialNoise(
         gyro_density=imu.gyro_noise_density,
         accel_density=imu.accel_noise_density,
-        gyro_walk=max(imu.gyro_random_walk, trust.gyro_walk_rad_s2),
-        accel_walk=max(imu.accel_random_walk, trust.accel_walk_m_s3),
+        gyro_walk=imu.gyro_random_walk or trust.gyro_walk_rad_s2,
+        accel_walk=imu.accel_random_walk or trust.accel_walk_m_s3,
         gyro_offset_rad_s=trust.gyro_offset_rad_s,
         accel_offset_m_s2=trust.accel_offset_m_s2,
         gain_ratio=config.trust.accel_gain_std,
         gyro_gain_ratio=config.trust.gyro_gain_std,
     )
-    return Inertial(readings, noise, np.asarray(imu.b_T_s[:3, 3], dtype=float))
+    clipped = (at_range_end(imu.gyro_rad_s) | at_range_end(imu.accel_m_s2)).any(axis=1)
+    b_p_imu_m = np.asarray(imu.b_T_s[:3, 3], dtype=float)
+    return Inertial(readings, noise, b_p_imu_m, np.unique(imu.stamps_s[clipped]))
 
 
 def reported_motion(flight: Flight, config: PipelineConfig) -> ReportedMotion | None:

@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 from frontend.camera import Camera
 from slam.cli.flight_tables import print_info
 from slam.core.control_points import SurveyedPoint
-from slam.core.flight import Flight, Sonar
+from slam.core.flight import Flight, Imu, Sonar
 from slam.core.flight_info import describe
 from slam.core.instrument_readings import inertial_readings
-from slam.core.stream_anomalies import camera_anomalies
+from slam.core.stream_anomalies import camera_anomalies, clipping_anomalies
 from slam.io.flight_folder import read_flight
 from tests.slam.io.made_flight import made_flight
 
@@ -133,6 +133,19 @@ def test_readings_at_the_end_of_the_range_are_reported():
     for read in (force, rounded):
         clipped = part(flight, "imu", accel_m_s2=np.clip(read, -1.0, 10.8))
         assert anomalies(clipped, "imu0", "% of the readings of the accelerometer are at the end")
+
+
+def test_a_few_readings_at_the_end_of_the_range_are_reported_and_rounded_ones_are_not():
+    rng, t = np.random.default_rng(0), np.arange(0.0, 30.0, 0.005)
+    force = rng.normal([0, 0, 9.81], 0.1, (len(t), 3))
+    turning = 6.0 * np.exp(-(((t - 15.0) / 0.1) ** 2))[:, None] * [0, 0, 1]
+    gyro = turning + rng.normal(0, 0.02, (len(t), 3))
+    (line,) = clipping_anomalies(Imu(t, np.clip(gyro, -4.363, 4.363), force))
+    assert "imu0: 23 of the readings of the gyro are at the end of its range" in line
+    assert clipping_anomalies(Imu(t, gyro, force)) == []
+    for seed in range(20):
+        rounded = np.random.default_rng(seed).normal(0, 1.0, (len(t), 3)).round(1) / 50
+        assert clipping_anomalies(Imu(t, rounded, force)) == []
 
 
 def test_the_clipped_share_is_that_of_the_sensor_however_it_is_mounted():
