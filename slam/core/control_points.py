@@ -33,6 +33,9 @@ class SurveyedPoint:
     views: tuple[PictureView, ...]
     std_m: float = STD_M
     """Standard deviation along each axis."""
+    datum_std_m: float = 0.0
+    """Standard deviation east and north of what all points of a list share: the error of the transformation
+    from their datum to WGS 84."""
     role: Role = "control"
     """A check point is held out: the map is compared with it."""
     fault: str = ""

@@ -84,6 +84,10 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     points = [_point(name, of, geodetic) for name, of in by_name.items()]
     points = _with_two_names(points, by_name)
     firsts = np.array([by_name[point.name][0].place[:2] for point in points])
+    first_known = next((place for place in geodetic.values() if np.isfinite(place).all()), None)
+    std_m = 0.0 if first_known is None else system.datum_std_m(*first_known)
+    points = [replace(point, datum_std_m=float(np.nan_to_num(std_m))) for point in points]
+    notes = [*notes, *filter(None, [system.datum_note(std_m)])]
     if system.unit_note and any(row.place[2] is not None for row in rows):
         notes = [*notes, system.unit_note]
     return _near_flight(path, points, flight, firsts, system), [*notes, *unknown]

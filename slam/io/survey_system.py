@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+import sqlite3
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.errors import InputError
+from slam.core.messages import Note
 from slam.io.files import brief, refusal
 
 if TYPE_CHECKING:
@@ -25,6 +29,16 @@ _CODES = re.compile(r"(?:EPSG\s*:?\s*)?(\d{4,6})(?:\s*\+\s*(?:EPSG\s*:\s*)?(\d{4
 _WKT = re.compile(r"(PROJ|GEOG|GEOD|COMPOUND|COMPD_)(CS|CRS)\[", re.IGNORECASE)
 _HEIGHT_UNIT = re.compile(r'VERT_CS\[.*?UNIT\["[^"]*",([-+.\deE]+)', re.DOTALL)
 
+_ACCURACY = """
+    SELECT MIN(o.accuracy) FROM helmert_transformation o
+    JOIN usage u ON u.object_table_name = 'helmert_transformation'
+        AND u.object_auth_name = o.auth_name AND u.object_code = o.code
+    JOIN extent e ON e.auth_name = u.extent_auth_name AND e.code = u.extent_code
+    WHERE o.auth_name = 'EPSG' AND NOT o.deprecated AND o.source_crs_code = :datum
+        AND o.target_crs_code = '4326' AND :latitude BETWEEN e.south_lat AND e.north_lat
+        AND :longitude BETWEEN e.west_lon AND e.east_lon
+"""
+"""Accuracy of the best transformation to WGS 84 by seven parameters whose area holds a place."""
 _SAME_UNIT = 1e-9
 """Largest relative difference by rounding: the two feet in use differ by 2e-6."""
 
@@ -84,6 +98,40 @@ class SurveySystem:
             "after a plus sign, such as EPSG:2232+6360 for US survey feet, or EPSG:2232+5703 for metres"
         )
 
+    def datum_std_m(self, longitude_deg: float, latitude_deg: float) -> float:
+        """Return the accuracy of the transformation of the datum to WGS 84 at a place; NaN if not known.
+
+        It is 0 for WGS 84 itself, and for datums that are taken to be the same, such as ETRS89 and NAD83: a
+        GPS with a base station in them has their positions. It is that of the best transformation without a
+        grid, as no grids come with this program. Source: EPSG's database, in the copy that PROJ has.
+        """
+        from rasterio._env import PROJDataFinder
+        from rasterio.warp import transform
+
+        base = _base(self.crs.to_dict(projjson=True))
+        if base.get("authority") != "EPSG":
+            return 0.0
+        here = [longitude_deg], [latitude_deg]
+        if np.allclose(transform(f"EPSG:{base['code']}", "EPSG:4326", *here), here, rtol=0, atol=1e-9):
+            return 0.0
+        folder = PROJDataFinder().search()
+        with closing(sqlite3.connect(f"file:{folder}/proj.db?mode=ro", uri=True)) as database:
+            codes = {"datum": str(base["code"]), "longitude": longitude_deg, "latitude": latitude_deg}
+            (best,) = database.execute(_ACCURACY, codes).fetchone()
+        return float("nan") if best is None else float(best)
+
+    def datum_note(self, std_m: float) -> str:
+        """Return a line about the accuracy of `datum_std_m`; empty for 0."""
+        if std_m == 0:
+            return ""
+        good = "of unknown accuracy" if np.isnan(std_m) else f"good to {std_m:g} m"
+        line = (
+            f"{brief(self.path.name, 80)}, line {self.line}: coordinates are brought from the datum of "
+            f"{brief(self.header, 60)!r} to WGS 84 by a transformation {good}: the map's place on Earth is "
+            "no better, its coordinates in that system are"
+        )
+        return f"{line}; compare it with a point known in WGS 84" if np.isnan(std_m) else Note(line)
+
     def geodetic(self, xy: Array) -> Array:
         """Return longitude and latitude (n, 2) in degrees of x, y (n, 2); NaN for what the system lacks.
 
@@ -104,6 +152,12 @@ class SurveySystem:
         reason = brief(" ".join(str(error).split()), 120)
         what = f"names {brief(self.header, 60)!r}, which cannot be brought to WGS 84 ({reason})"
         return refusal(self.path, what, NAME_IT, self.line)
+
+
+def _base(system: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return authority and code of the geographic system below one in PROJ's JSON; empty if not known."""
+    plane = system["components"][0] if "components" in system else system
+    return dict(plane.get("base_crs", plane).get("id", {}))
 
 
 def _crs(header: str) -> CRS | None:

@@ -37,7 +37,12 @@ from slam.mapping.homography_chain import chain
 from slam.mapping.lift_edges import Edges
 from slam.mapping.map import Map
 from slam.mapping.place_part import comparable
-from slam.mapping.pose_errors import instrument_displacements, of_all_poses, with_displacements
+from slam.mapping.pose_errors import (
+    datum_displacements,
+    instrument_displacements,
+    of_all_poses,
+    with_displacements,
+)
 from slam.mapping.warnings.accuracy_basis import accuracy_basis
 from slam.mapping.warnings.messages import messages
 from slam.mapping.warnings.not_placed import pictures_not_placed
@@ -71,7 +76,9 @@ def build_estimate(
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
     velocity = velocity_errors(map_.bundle)
-    kept, held = _kept_edges(map_), instrument_displacements(context, map_)
+    datum = datum_displacements(flight, map_)
+    held = np.concatenate([instrument_displacements(context, map_), datum], axis=2)
+    kept = _kept_edges(map_)
     by_instruments = [velocity_warning(velocity), barometer_warning(map_.bundle)]
     shares = _information_shares(flight, map_)
     said = messages(context, map_, not_placed, shared, mount, shares, [*untested, *by_instruments])
@@ -84,7 +91,7 @@ def build_estimate(
         frame_index=observations.frame_index,
         w_T_b=map_.w_T_b,
         covariances=with_displacements(map_.covariances, held),
-        over_floor_covariances=map_.over_floor_covariances,
+        over_floor_covariances=with_displacements(map_.over_floor_covariances, datum),
         component=map_.component,
         camera=map_.camera,
         floor_z_m=map_.floor_z_m,
@@ -115,11 +122,11 @@ def build_estimate(
         antenna_covariances=_antenna_covariances(map_),
         accuracy_basis=accuracy_basis(flight, map_, shares),
         information_shares=shares,
-        ground_covariances=_ground_covariances(map_),
+        ground_covariances=_ground_covariances(map_, datum),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
         joint_errors=of_all_poses(map_, held),
         length_stds=_length_stds(map_),
-        middle_std_m=map_.bundle.middle_std_m if map_.bundle and map_.georeferenced else None,
+        middle_std_m=_middle_std_m(map_, datum),
         range_errors=map_.bundle.range_errors if map_.bundle else None,
         graph_error=map_.bundle.error if map_.bundle else solution.error,
         iterations=solution.iterations + (map_.bundle.iterations if map_.bundle else 0),
@@ -177,10 +184,19 @@ def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, 
         return None, [f"{line}; compare one distance with the ground"], False
 
 
-def _ground_covariances(map_: Map) -> Array | None:
+def _middle_std_m(map_: Map, datum: Array) -> float | None:
+    """Return how uncertain the place of the whole ground is, with the error ``datum`` (n, 6, e) of all poses;
+    None of a map that is not on Earth."""
+    if map_.bundle is None or not map_.georeferenced:
+        return None
+    return float(np.hypot(map_.bundle.middle_std_m, np.linalg.norm(datum[0, 3:])))
+
+
+def _ground_covariances(map_: Map, datum: Array) -> Array | None:
     """Return the covariances of the ground with the errors of an estimated lens; None where it was held.
 
-    Those of lesser parts are theirs over the floor.
+    ``datum`` (n, 6, e) are errors that move it with all poses. Those of lesser parts are theirs over the
+    floor.
     """
     if map_.bundle is None or map_.bundle.lens is None:
         return None
@@ -193,7 +209,7 @@ def _ground_covariances(map_: Map) -> Array | None:
         return None
     found = map_.over_floor_covariances.copy()
     found[main] = of_main
-    return found
+    return with_displacements(found, datum)
 
 
 def _length_stds(map_: Map) -> tuple[tuple[float, float, float], ...]:

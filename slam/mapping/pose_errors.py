@@ -8,6 +8,7 @@ from scipy.sparse.linalg import ArpackError
 
 from backend.bundle.accuracy.joint_errors import joint_errors
 from backend.sparse_cholesky import SingularMatrixError
+from slam.core.flight import Flight
 from slam.mapping.calibration.attitude_floor_tilt import tilt_over_map
 from slam.mapping.calibration.clock_offset import NO_CORRECTION, clock_displacements
 from slam.mapping.calibration.held_mount import held_mount_covariance, mount_displacements
@@ -37,6 +38,17 @@ def instrument_displacements(context: Context, map_: Map) -> Array:
         return found
     of_all = np.broadcast_to(mount_displacements(map_.camera.b_T_c, mount), (n, 6, 2))
     return np.concatenate([found, of_all], axis=2)
+
+
+def datum_displacements(flight: Flight, map_: Map) -> Array:
+    """Return (n, 6, e) right perturbations of the poses by the error of the datum of the control points that
+    the map follows, east and north; e is 0 where it has none."""
+    std_m = max((point.datum_std_m for point in flight.surveyed if point.role == "control"), default=0.0)
+    if map_.control is None or not map_.control.is_followed or std_m == 0:
+        return np.zeros((len(map_.w_T_b), 6, 0))
+    found = np.zeros((len(map_.w_T_b), 6, 2))
+    found[:, 3:] = std_m * np.swapaxes(map_.w_T_b[:, :2, :3], 1, 2)
+    return found
 
 
 def with_displacements(covariances: Array, errors: Array) -> Array:

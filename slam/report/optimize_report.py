@@ -125,7 +125,8 @@ def render(
     timed = facts.placed > 1 and not facts.is_graph
     marks = MapMarks(unit(facts.metric), estimate.origin is not None, surveyed_marks(estimate.control))
     ground = mosaic_facts(mosaics.after, mosaics.quality, facts.gaps)
-    told = not_evaluated(flight) if accuracy.evaluated == NOT_EVALUATED else accuracy.evaluated
+    told = accuracy.evaluated
+    told = not_evaluated(flight, estimate.control) if told == NOT_EVALUATED else told
     left_out = (*left_out_here(estimate, facts, summary), *unused_instruments(estimate, flight))
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
     page = render_page(

@@ -19,6 +19,8 @@ itself it would tell lengths ten times less exactly than all together."""
 MOST_SCALE_STD = 0.1
 """Standard deviation of the scale up to which a map is one to measure with: twice the nominal gain error of
 a height sensor. Beyond it, a quarter of any length may be missing."""
+LEAST_CHECKS = 2
+"""Check points with a known distance between them."""
 Shares = Mapping[str, Mapping[str, float]]
 """As `backend.bundle.accuracy.information_shares` returns them; empty where they are not known."""
 
@@ -36,8 +38,11 @@ def telling_lengths(instruments: Mapping[str, tuple[str, bool]], shares: Shares)
 def accuracy_basis(flight: Flight, map_: Map, shares: Shares) -> str:
     """Return a sentence that names the only instrument or assumption behind scale and place.
 
-    It is empty where two instruments check each other, or where lengths are not metres.
+    It is empty where two instruments check each other, where check points tell how far lengths are off, or
+    where lengths are not metres.
     """
+    if map_.control is not None and len(map_.control.checks) >= LEAST_CHECKS:
+        return ""
     bundle = map_.bundle
     measured = None if bundle is None else bundle.optimum.problem.measurements
     by_gps = map_.georeferenced and (measured is None or bool(measured.positions))

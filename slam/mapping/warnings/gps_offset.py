@@ -95,7 +95,7 @@ class _Offset:
 
     @property
     def fit(self) -> str:
-        """What explains a vertical offset that references of heights do not."""
+        """The error that explains a vertical offset which references of heights do not."""
         surveyed_m = self.report.altitude_m
         if surveyed_m is None:
             return _OTHER_HEIGHTS

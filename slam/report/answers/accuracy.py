@@ -11,7 +11,7 @@ from slam.core.estimate import Estimate
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent
 from slam.report.answers.advice import main_cause
-from slam.report.answers.checked_lengths import CHECKED, basis, unless_checked
+from slam.report.answers.checked_lengths import CHECKED, RESULT, basis, unless_checked
 from slam.report.coordinates import at
 from slam.report.facts import Facts, typical_axis_stds
 from slam.report.mosaic_facts import MosaicFacts
@@ -55,9 +55,16 @@ def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
             " This is how well the fixes of the GPS agree with each other. It does not count a shift that "
             "all of them share, which may be as large as what is "
             f"{facts.gps_accuracy} for one fix, ±{SPACE}{facts.error(facts.gps_std_m)}, and larger where a "
-            "base station is wrong: a point of known coordinates on the ground checks the place."
+            f"base station is wrong: {_by_point(estimate)}."
         )
     return text + _axes_apart(estimate, facts) + uncounted(summary)
+
+
+def _by_point(estimate: Estimate) -> str:
+    """Return what checks a place on Earth."""
+    if estimate.control is not None and estimate.control.checks:
+        return f"the check points tell it ({RESULT})"
+    return "a point of known coordinates on the ground checks the place"
 
 
 def _axes_apart(estimate: Estimate, facts: Facts) -> str:

@@ -13,10 +13,12 @@ from slam.core.figure_table import UNKNOWN, FigureTable
 from slam.core.units import length
 from slam.evaluation.landmarks import LandmarkPlace, over_papers_ground
 from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
+from slam.report.tables.check_points import checked_lengths, off_check_points
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from slam.core.control_points import ControlReport
     from slam.core.flight import Flight
     from slam.evaluation.keyframe_by_keyframe import KeyframeByKeyframe
     from slam.evaluation.map_gain import MapGain
@@ -54,14 +56,24 @@ EVALUATE = "slam evaluate OUT --truth FLIGHT (OUT is the folder of this page, FL
 """Command that compares a map with the truth of its flight, in a sentence."""
 
 
-def not_evaluated(flight: Flight | None) -> Evaluated:
-    """Return the words for a map that was not compared: its flight may hold a reference that checks it."""
+def not_evaluated(flight: Flight | None, control: ControlReport | None = None) -> Evaluated:
+    """Return the words for a map that no evaluation compared: its check points, or a reference of its flight,
+    check it."""
+    if control is not None and control.checks:
+        return checked_by_points(control)
     if flight is None or flight.truth is None:
         return NOT_EVALUATED
     return Evaluated(
         f"Not measured yet, but this flight holds a true path: the command {EVALUATE} compares the map "
         "with it, and writes the result here."
     )
+
+
+def checked_by_points(control: ControlReport) -> Evaluated:
+    """Return the comparison of a map with its check points."""
+    lengths = checked_lengths(control)
+    told = f"{off_check_points(control)}{' ' * bool(lengths)}{lengths} The table below has each point."
+    return Evaluated(told, checks_lengths=bool(lengths))
 
 
 def evaluated(evaluation: Evaluation) -> Evaluated:

@@ -135,6 +135,26 @@ def test_heights_beside_feet_are_taken_in_metres_and_that_is_said(tmp_path):
             assert point.altitude_m == 5249.4
 
 
+@pytest.mark.parametrize(
+    ("header", "row", "latitude_deg", "longitude_deg", "std_m"),
+    [
+        ("EPSG:27700", "530000 180000 50", 51.5, -0.13, 2.0),
+        ("EPSG:31467", "3465000 5250000 400", 47.4, 8.54, 3.0),
+        ("EPSG:25832", "465005.0 5249995.0 402.5", 47.4028, 8.5362, 0.0),
+        ("EPSG:32632", "465005.0 5249995.0 402.5", 47.4028, 8.5362, 0.0),
+        ("EPSG:2232+6360", "3143493.31 1694931.25 5249", 39.74, -104.99, 0.0),
+    ],
+)
+def test_the_accuracy_of_the_transformation_of_a_datum(
+    tmp_path, header, row, latitude_deg, longitude_deg, std_m
+):
+    """Accuracies by EPSG's database: OSGB36 to WGS 84 (6), DHDN to WGS 84 (2)."""
+    gps = Gps(np.arange(3.0), np.full(3, latitude_deg), np.full(3, longitude_deg), np.full(3, 450.0))
+    (point,), notes = read(tmp_path, [header, f"{row} 10 20 DJI_0010.JPG north"], replace(flight(), gps=gps))
+    assert point.datum_std_m == std_m
+    assert [f"good to {std_m:g} m" in note for note in notes] == [True] * (std_m > 0)
+
+
 def test_degrees_are_longitude_first_and_points_without_a_name_have_numbers(tmp_path):
     rows = [f"8.536 47.403 NaN {u} 20 DJI_00{u}.JPG" for u in (10, 30)]
     ((point,), _) = read(tmp_path, ["EPSG:4326", *rows, "8.537 47.403 3 1 1 DJI_0010.JPG"][:3])

@@ -13,6 +13,7 @@ from slam.core.control_points import ControlReport, PointResidual
 from slam.core.figure_table import FigureTable
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
+from slam.core.units import SPACE
 from slam.evaluation.landmarks import LandmarkPlace
 from slam.report.evaluation_in_report import with_evaluation
 from slam.report.optimize_report import Accuracy, Mosaics, render
@@ -39,6 +40,25 @@ def test_the_page_is_that_of_a_map_that_was_evaluated_at_once(tmp_path, no_figur
     assert CHECKED_BY_ONE_DISTANCE not in shown
     by_gps = replace(TOLD, checks_lengths=False)
     assert CHECKED_BY_ONE_DISTANCE in re.sub("<!--.*?-->", "", with_evaluation(later, by_gps, tmp_path))
+
+
+def test_check_points_tell_how_far_a_map_is_from_the_truth():
+    places = ((0.0, 0.0, 400.0), (30.0, 40.0, math.nan))
+    residuals = ((1.2, -0.8, 2.5), (1.22, -0.8, math.nan))
+    checks = tuple(
+        PointResidual(
+            name=name, role="check", used=False, reason="", views=3, surveyed_m=place, residual_m=off,
+            std_m=(0.04, 0.04, 0.1),
+        )
+        for name, place, off in zip("PQ", places, residuals, strict=True)
+    )  # fmt: skip
+    estimate = replace(made_estimate(), control=ControlReport(points=checks))
+    shown = re.sub("<!--.*?-->", "", render(estimate, summarise(estimate))).replace(SPACE, " ")
+    assert "At 2 check points" in shown
+    assert "it is off by 1.21 m east, 0.80 m north and 2.50 m up (root mean square)" in shown
+    assert "50.0 m from P to Q, is 0.024 % longer on the map" in shown
+    assert "Not measured here" not in shown
+    assert "measure one distance" not in shown.lower()
 
 
 def test_a_page_of_an_earlier_version_has_no_place_for_it(tmp_path):

@@ -24,6 +24,7 @@ def basis(
     assumed=SHARED,
     lens=None,
     shares=None,
+    control=None,
 ):
     errors = RangeErrors(1.0, gain_std, 0.0, zero_std_m) if sonar else None
     measured = SimpleNamespace(positions=("fix",) if gps else (), control=())
@@ -36,6 +37,7 @@ def basis(
             optimum=SimpleNamespace(problem=SimpleNamespace(measurements=measured)),
         ),
         georeferenced=gps,
+        control=control,
         camera=SimpleNamespace(focal_std_ratio=focal_std_ratio),
         inertial=SimpleNamespace(helps=True) if accelerometer else None,
     )
@@ -51,6 +53,11 @@ def test_the_only_instrument_is_named():
     )
     assert basis(barometer=True).startswith("Lengths and their accuracy rest on one barometer alone")
     assert "one height sensor alone" in basis(sonar=True, velocity=True)
+
+
+def test_check_points_are_a_second_instrument():
+    assert "one GPS receiver alone" in basis(gps=True, control=SimpleNamespace(checks=("P",)))
+    assert basis(gps=True, control=SimpleNamespace(checks=("P", "Q"))) == ""
 
 
 def test_an_instrument_of_little_weight_checks_none() -> None:
