@@ -263,7 +263,8 @@ def _add_gauge(
     sigmas[SLOPE] = noise.slope_rad if placed else held
     sigmas[MOUNT] = max(problem.camera.mount_std_rad, held)
     sigmas[OFFSET] = np.where(measured.axes_of_both, _OPEN_M, held)
-    sigmas[ANTENNA] = max(measured.antenna_std_m, held)
+    level, up = measured.antenna_std_m, max(measured.antenna_std_m, measured.antenna_up_std_m)
+    sigmas[ANTENNA] = np.maximum([level, level, up], held)
     world = start.atVector(WORLD)
     if problem.scale_prior is not None:
         sigmas[LOG_SCALE] = problem.scale_prior.log_std

@@ -114,6 +114,8 @@ class Measurements:
     """(3,) point of the body that ``positions`` belong to."""
     antenna_std_m: float = 0.0
     """Its standard deviation along each body axis; 0 holds it."""
+    antenna_up_std_m: float = 0.0
+    """Least standard deviation along the body's up axis alone."""
     names: tuple[str, ...] = field(default=())
     """Name of each keyframe in messages; empty: its number."""
     length_unit: str = "m"

@@ -22,7 +22,12 @@ from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight, Gps
 from slam.core.heap import trim_heap
 from slam.core.instrument_errors import InstrumentErrors
-from slam.mapping.calibration.antenna import antenna_m, antenna_place, antenna_untold_warning
+from slam.mapping.calibration.antenna import (
+    antenna_height_note,
+    antenna_m,
+    antenna_place,
+    antenna_untold_warning,
+)
 from slam.mapping.calibration.barometer_errors import barometer_errors, barometer_warning
 from slam.mapping.calibration.camera_mount import mount_tilt
 from slam.mapping.calibration.clock_offset import clock_errors
@@ -177,8 +182,9 @@ def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, 
         tested = error_test(map_.bundle)
         is_assumed = gps is not None and gps.antenna_assumed
         line = antenna_untold_warning(map_.bundle, tested) if tested and is_assumed else ""
+        lines = [each for each in (line, antenna_height_note(map_.bundle)) if each]
         suspect = tested is not None and is_held_lens_suspect(map_.bundle, tested)
-        return tested.errors if tested else None, [line] if line else [], suspect
+        return tested.errors if tested else None, lines, suspect
     except BackendError as error:
         line = f"errors that all pictures or all positions share cannot be tested for: {error}"
         return None, [f"{line}; compare one distance with the ground"], False

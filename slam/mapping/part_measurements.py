@@ -64,6 +64,7 @@ def part_measurements(
         control=setup.control,
         antenna_m=readings.fixes.antenna_m if readings.fixes else np.zeros(3),
         antenna_std_m=readings.fixes.antenna_std_m if readings.fixes else 0.0,
+        antenna_up_std_m=readings.fixes.antenna_up_std_m if readings.fixes else 0.0,
         range_gain_std=readings.range_gain_std,
         range_datum_std_m=readings.range_datum_std_m,
         camera=pinhole_model(setup.camera),

@@ -8,6 +8,7 @@ from backend.bundle.accuracy.systematic_errors import ErrorTest
 from backend.bundle.refinement import Bundle
 from backend.triple import triple
 from slam.core.instrument_errors import AntennaPlace
+from slam.core.messages import Note
 
 NOMINAL_ANTENNA_STD_M = 0.2
 """Standard deviation along each axis of an antenna's place that nobody has measured. Vehicles that carry a
@@ -56,6 +57,17 @@ def antenna_untold_warning(bundle: Bundle, tested: ErrorTest) -> str:
         "it is held at the body's origin, because at the headings of this flight its place looks like that "
         "of the whole map or like the lens; the map may lie beside its place on Earth by as much; state the "
         "antenna's place in T_BS of gps0/sensor.yaml, or fly lines in several headings"
+    )
+
+
+def antenna_height_note(bundle: Bundle) -> str:
+    """Return a note where the height of the antenna is uncertain because nobody told it; empty elsewhere."""
+    measured = bundle.optimum.problem.measurements
+    if not measured.positions or measured.antenna_up_std_m <= measured.antenna_std_m:
+        return ""
+    return Note(
+        "gps0: nothing tells how high the antenna is above the camera: heights of cameras and ground count "
+        f"it as 0 ± {measured.antenna_up_std_m:g} m; T_BS of gps0/sensor.yaml states it"
     )
 
 

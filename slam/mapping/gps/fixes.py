@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from backend.measurements import Position
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic
+from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,17 @@ class Fixes:
     def holds_untold_antenna(self) -> bool:
         """Whether the antenna is held where nobody told that it is."""
         return self.antenna_std_m == 0 and self.antenna_assumed
+
+    @property
+    def antenna_up_std_m(self) -> float:
+        """Standard deviation of its height on the body.
+
+        Along x and y an untold antenna is held unless the pictures refute it. Its height moves all cameras
+        and the ground together, which no residual shows; where fixes are exact, it is most of their error.
+        """
+        if self.holds_untold_antenna and self.std_m[2] < NOMINAL_ANTENNA_STD_M:
+            return NOMINAL_ANTENNA_STD_M
+        return self.antenna_std_m
 
     def __len__(self) -> int:
         return len(self.stamps_s)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from backend.bundle.refinement import Bundle, refine
+from slam.core.messages import is_note
+from slam.mapping.calibration.antenna import antenna_height_note
 from tests.backend.bundle.made_scenes import SURVEY, position_rms, turned
 from tests.backend.made_floor import Made, Scene, make, nees
 
@@ -39,6 +41,22 @@ def test_a_told_antenna_leaves_no_error() -> None:
     told, ignored = refined(made, ARM_M, 0.0), refined(made, np.zeros(3), 0.0)
     assert position_rms(made, told.w_T_b) < 0.2 < position_rms(made, ignored.w_T_b)
     np.testing.assert_allclose(told.antenna_m, ARM_M, atol=1e-3)
+
+
+def test_an_untold_height_of_the_antenna_counts_in_all_heights() -> None:
+    """No residual shows it, so that heights were told to the centimetres of the fixes."""
+    made = flown(0)
+    level = np.array([*ARM_M[:2], 0.0])
+    measured = replace(made.measurements, antenna_m=level, antenna_up_std_m=0.2)
+    held, free = refined(made, level, 0.0), refine(measured, made.start, made.floor_z_m)
+    off_m = np.abs(np.median(free.w_T_b[:, 2, 3] - made.w_T_b[:, 2, 3]))
+    std_m = [float(np.median(np.sqrt(bundle.covariances[:, 5, 5]))) for bundle in (held, free)]
+    assert std_m[0] < 0.05 < 0.12 < std_m[1] < 0.25
+    assert 3 * std_m[0] < off_m < 3 * std_m[1]
+    np.testing.assert_allclose(free.antenna_m[:2], level[:2], atol=1e-3)
+    assert antenna_height_note(held) == ""
+    assert "count it as 0 ± 0.2 m" in antenna_height_note(free)
+    assert is_note(antenna_height_note(free))
 
 
 @pytest.mark.slow

@@ -75,3 +75,15 @@ def test_a_fix_is_not_called_back_by_a_pose_of_unknown_accuracy(off_m: float, kn
     std_m = fixes.map_std_m(line_and_back(), covariances, LAST)
     assert np.isfinite(std_m[-1]).all() == known
     assert fixes.exact(line_and_back(), std_m).used[-1] == known
+
+
+@pytest.mark.parametrize(
+    ("assumed", "std_m", "up_m"), [(True, 0.025, 0.2), (True, 10.0, 0.0), (False, 0.025, 0.0)]
+)
+def test_the_height_of_an_untold_antenna_is_uncertain_where_fixes_are_exact(assumed, std_m, up_m):
+    none = np.zeros(1, dtype=bool)
+    fixes = Fixes(
+        np.zeros(1), np.zeros((1, 3)), (std_m, std_m, std_m), True, ("0",), none, antenna_assumed=assumed
+    )
+    assert fixes.antenna_up_std_m == up_m
+    assert replace(fixes, antenna_std_m=0.5).antenna_up_std_m == 0.5
