@@ -132,6 +132,11 @@ class Measurements:
         return bool(self.positions or self.control)
 
     @property
+    def antenna_is_free(self) -> bool:
+        """Whether the place of the antenna, or its height alone, is a variable."""
+        return bool(self.positions) and max(self.antenna_std_m, self.antenna_up_std_m) > 0
+
+    @property
     def axes_of_both(self) -> NDArray[np.bool_]:
         """(3,) axes along which positions and control points are measured, so that they can be compared."""
         both = [[one.std_m for one in of] for of in (self.positions, self.control)]

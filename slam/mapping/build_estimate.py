@@ -249,7 +249,7 @@ def _attitude_assumed(shares: Mapping[str, float]) -> Mapping[str, float]:
 def _antenna_covariances(map_: Map) -> Array | None:
     """Return the covariances (n, 3, 3) of the antenna's positions; NaN for pictures outside the main part."""
     bundle = map_.bundle
-    if bundle is None or antenna_place(bundle) is None:
+    if bundle is None or not bundle.optimum.problem.measurements.antenna_is_free:
         return None
     covariances = np.full((len(map_.w_T_b), 3, 3), np.nan)
     covariances[map_.component == 0] = bundle.antenna_covariances
