@@ -42,6 +42,8 @@ _NEAR_S = 0.5
 _HEIGHT_STD = 0.5
 """Relative standard deviation of the height at the first picture: twice the largest error of its start
 (`slam.inertial.start_height`), so that the readings decide."""
+_YAW_STD_RAD = 0.5
+"""Standard deviation of a heading in the world that is read once."""
 _REST_TILT_RAD = 0.01
 _REST_STD = 0.01, 0.003
 """Standard deviations of velocity (m/s) and body rate (rad/s) at rest."""
@@ -59,6 +61,19 @@ class PictureStart:
 
 
 @dataclass(frozen=True)
+class StartHeading:
+    """Heading at the start, east to north, where no yaw was measured but positions tell where north is."""
+
+    yaw_rad: float
+    std_rad: float
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the motion tells the heading."""
+        return self.std_rad < 1.0
+
+
+@dataclass(frozen=True)
 class Adjustments:
     """Values identified on the readings themselves: noise and delay of each channel, and the start."""
 
@@ -68,6 +83,8 @@ class Adjustments:
     """Channel -> time by which its stamps are late."""
     start: PictureStart | None = None
     """None where a height is measured, or is not needed."""
+    heading: StartHeading | None = None
+    """None where a yaw is measured, or the first heading is that of the world."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +104,18 @@ class FilterInput:
 
 
 def filter_input(
-    flight: Flight, trust: InertialTrust = InertialTrust(), adjustments: Adjustments = Adjustments()
+    flight: Flight,
+    trust: InertialTrust = InertialTrust(),
+    adjustments: Adjustments = Adjustments(),
+    from_s: float = -np.inf,
 ) -> FilterInput:
-    """Return readings, model and initial state of a flight, without readings before its motion was recorded.
+    """Return readings, model and initial state of a flight from ``from_s`` on, without readings before its
+    motion was recorded.
 
     Raises ``InputError`` where the recording is insufficient for the motion.
     """
     start_s, end_s = _span(flight)
+    start_s = max(start_s, from_s)
     if adjustments.start is not None:
         start_s = max(start_s, adjustments.start.stamp_s)
     gyro, accel, rate, acceleration = inertial_of(flight)
@@ -115,7 +137,7 @@ def filter_input(
     return FilterInput(
         readings=readings,
         model=_model(flight, trust, rate, acceleration),
-        start=_start(flight, readings, trust, start_s, adjustments.start),
+        start=_start(flight, readings, trust, start_s, adjustments),
         start_s=start_s,
         end_s=end_s,
         range_scale_std=scale,
@@ -209,11 +231,12 @@ def _adjusted(readings: Readings, adjustments: Adjustments) -> Readings:
 
 
 def _start(
-    flight: Flight, readings: Readings, trust: InertialTrust, start_s: float, first: PictureStart | None
+    flight: Flight, readings: Readings, trust: InertialTrust, start_s: float, adjustments: Adjustments
 ) -> InitialState:
-    """Return the initial state from the first readings and the ``first`` picture."""
-    positions = readings.w_p_b_m
-    w_R_b, tilt_std = _first_rotation(readings, start_s, trust.tilt_error_rad)
+    """Return the initial state from the first readings, the first picture and the heading that was found."""
+    positions, first = readings.w_p_b_m, adjustments.start
+    heading = adjustments.heading or StartHeading(0.0, _YAW_STD_RAD if positions is not None else 0.0)
+    w_R_b, tilt_std = _first_rotation(readings, start_s, trust.tilt_error_rad, heading.yaw_rad)
     height_m, height_std_m = _first_height(flight, readings, start_s, first)
     # Pictures are to overlap, so that a vehicle moves as many heights a second however high it flies.
     speed_std_m_s = trust.start_speed_m_s * max(1.0, first.height_m if first else 0.0)
@@ -221,14 +244,14 @@ def _start(
     velocity = _early(readings.velocity_m_s, start_s)
     w_v = np.zeros(3)
     if velocity is not None:
-        heading = w_R_b[:2, 0] / np.linalg.norm(w_R_b[:2, 0])
-        w_v[:2] = heading[0] * velocity[0] - heading[1] * velocity[1], heading @ velocity[::-1]
+        nose = w_R_b[:2, 0] / np.linalg.norm(w_R_b[:2, 0])
+        w_v[:2] = nose[0] * velocity[0] - nose[1] * velocity[1], nose @ velocity[::-1]
     return InitialState(
         height_m=height_m,
         height_std_m=height_std_m,
         w_R_b=w_R_b,
         tilt_std_rad=tilt_std,
-        yaw_std_rad=0.5 if positions is not None else 0.0,
+        yaw_std_rad=heading.std_rad,
         place_m=place_m,
         place_std_m=place_std_m,
         w_v_m_s=w_v,
@@ -283,18 +306,21 @@ def _early(series: Series | None, start_s: float) -> Array | None:
     return np.asarray(series.values[rows[0]])
 
 
-def _first_rotation(readings: Readings, start_s: float, tilt_error_rad: float) -> tuple[Array, float]:
-    """Return the rotation (3, 3) at the start and the standard deviation of its tilt."""
+def _first_rotation(
+    readings: Readings, start_s: float, tilt_error_rad: float, yaw_rad: float
+) -> tuple[Array, float]:
+    """Return the rotation (3, 3) at the start and the standard deviation of its tilt; ``yaw_rad`` is its
+    heading where none is read."""
     own, accel = readings.roll_pitch_yaw_rad, readings.accel_m_s2
     first = _early(own, start_s)
     if first is not None:
         # The deviation exceeds that of the reading, which the filter uses once more.
         std = max(3 * float(np.max(own.std[:2])), tilt_error_rad, _REST_TILT_RAD) if own else 0.1
         return rotation_of(first), std
-    yaw = 0.0
+    yaw = yaw_rad
     if own is not None:
         known = own.values[np.isfinite(own.values[:, 2]), 2]
-        yaw = float(known[0]) if len(known) else 0.0
+        yaw = float(known[0]) if len(known) else yaw_rad
     headed = Rotation.from_euler("z", yaw)
     if accel is None:
         return headed.as_matrix(), 0.3

@@ -15,6 +15,7 @@ from backend.ekf.inputs import Series
 from slam.core.geodesy import enu_from_geodetic
 from slam.core.rotations import rotation_of
 from slam.inertial.variogram import CorrelatedProcess, correlated_process, noise_and_power
+from slam.inertial.zero_velocity import RestWindows
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -65,18 +66,20 @@ def inertial_of(flight: Flight) -> tuple[Series | None, Series | None, Correlate
     imu = flight.imu
     if imu is None or len(imu.stamps_s) < 2:
         return None, None, _DEFAULT_RATE, _DEFAULT_ACCEL
-    R = imu.b_T_s[:3, :3]
+    R, moves = imu.b_T_s[:3, :3], RestWindows.of(flight).moves_at(imu.stamps_s)[:, None]
     gyro, accel = imu.gyro_rad_s @ R.T, imu.accel_m_s2 @ R.T
     step_s = float(np.median(np.diff(imu.stamps_s)))
-    gyro_std, rate = noise_and_power(gyro, step_s, imu.gyro_noise_density / np.sqrt(step_s))
-    accel_std, _ = noise_and_power(accel, step_s, imu.accel_noise_density / np.sqrt(step_s))
+    # At rest nothing shows vibration, nor how fast a vehicle moves.
+    flown_gyro, flown_accel = (np.where(moves, values, np.nan) for values in (gyro, accel))
+    gyro_std, rate = noise_and_power(flown_gyro, step_s, imu.gyro_noise_density / np.sqrt(step_s))
+    accel_std, _ = noise_and_power(flown_accel, step_s, imu.accel_noise_density / np.sqrt(step_s))
     # In body axes a multirotor measures little of its acceleration, because its thrust tilts with it.
-    level = _levelled(flight, gyro, accel)
+    level = np.where(moves, _levelled(flight, gyro, accel), np.nan)
     _, acceleration = noise_and_power(level, step_s, accel_std)
     return (
         Series(imu.stamps_s, gyro, np.full(3, gyro_std)),
         Series(imu.stamps_s, accel, np.full(3, accel_std)),
-        correlated_process(gyro, rate),
+        correlated_process(flown_gyro, rate),
         correlated_process(level, acceleration),
     )
 

@@ -12,7 +12,7 @@ from backend import se3
 from backend.ekf.inputs import CloneMode, InitialState, VisualStep
 from slam.core.progress import Progress, silent
 from slam.inertial.filter_input import FilterInput
-from slam.inertial.start_height import HEIGHT_ROUNDS
+from slam.inertial.start_height import START_ROUNDS
 
 if TYPE_CHECKING:
     from backend.ekf.results import States, Track
@@ -38,7 +38,8 @@ def filter_motion(
     from backend.ekf.track import track
 
     readings = replace(inputs.readings, steps=steps)
-    rounds = (HEIGHT_ROUNDS if inputs.adjustments.start else 1) if smooth else 0
+    found_start = inputs.adjustments.start or inputs.adjustments.heading
+    rounds = (START_ROUNDS if found_start else 1) if smooth else 0
     scaled = _scaled_starts(inputs)
 
     def run(start: InitialState, number: int) -> Track:

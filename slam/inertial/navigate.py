@@ -195,6 +195,12 @@ def _unobserved(inputs: FilterInput, position_std_m: float) -> list[str]:
             "neither velocity nor position was measured: the position drifts, "
             f"to ±{position_std_m:.2g} m at the end"
         )
+    heading = inputs.adjustments.heading
+    if heading is not None and not heading.is_known:
+        messages.append(
+            "the heading is unknown: no yaw was measured, and the positions fit several headings; give "
+            "attitude0 a yaw, or fly with changes of speed"
+        )
     with_altitude = readings.w_p_b_m is not None and np.isfinite(readings.w_p_b_m.values[:, 2]).any()
     if readings.range_m is None and not with_altitude:
         messages.append("neither range nor altitude was measured: heights are relative to the start")

@@ -1,8 +1,8 @@
 """Identification of noise, delays and AR(1) errors of the instruments by maximum likelihood.
 
-The filter runs with each candidate over the start of the flight. Its score is the likelihood of its
-innovations: attitude, range, velocity, position, barometer and visual steps. A modelled error that is absent
-lowers the likelihood, so the simplest sufficient model wins.
+The filter runs with each candidate over the two minutes with most motion. Its score is the likelihood of its
+innovations in motion: attitude, range, velocity, position, barometer and visual steps. A modelled error that
+is absent lowers the likelihood, so the simplest sufficient model wins.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from backend.quantiles import chi_square_quantile
 from slam.core.progress import Progress, silent
 from slam.inertial.filter_input import Adjustments, FilterInput, filter_input
 from slam.inertial.instruments import InertialTrust
+from slam.inertial.start_heading import find_start_heading
 from slam.inertial.start_height import find_picture_start
+from slam.inertial.zero_velocity import RestWindows
 
 if TYPE_CHECKING:
     from backend.ekf.results import InstrumentInnovations, Track
@@ -75,21 +77,25 @@ def identify_noise(
     stamps_s: Array = _NO_STAMPS,
     steps: tuple[VisualStep, ...] = (),
 ) -> FilterInput:
-    """Return the filter's input for a flight, with noise identified on its first two minutes.
+    """Return the filter's input for a flight, with noise identified on the two minutes with most motion.
 
     ``steps`` between pictures at ``stamps_s`` (n,) count in the likelihood too. Raises ``InputError``.
 
     White noise is inflated until innovations are consistent (NIS). Delays are increased while the likelihood
     increases, and kept if the gain is significant. The noise is then inflated again from its nominal value.
-    Without a range the height at the first picture is found before all else.
+    Without a range the height at the first picture is found before all else, and without a yaw the heading.
+    Both hold at the start of the flight, and the two minutes then begin there.
     Sums of innovations that are still too large show an error that is correlated in time. It belongs to the
     instrument, or to gyro and accelerometer, which predict its readings. Each is inflated as if it were the
     only cause. Finally, an instrument with a credible nominal noise loses its AR(1) errors if that increases
-    the likelihood.
+    the likelihood; time at rest cannot show that.
     """
-    start = find_picture_start(flight, trust, stamps_s, steps, MAX_DURATION_S)
-    trial = _Trial(flight, progress, stamps_s, steps)
-    found = _inflated(trial, trust, Adjustments(start=start))
+    first = Adjustments(
+        start=find_picture_start(flight, trust, stamps_s, steps, MAX_DURATION_S),
+        heading=find_start_heading(flight, trust, MAX_DURATION_S),
+    )
+    trial = _Trial(flight, progress, stamps_s, steps, first.start is None and first.heading is None)
+    found = _inflated(trial, trust, first)
     for name in _DELAYED:
         found = _best_candidate(trial, trust, found, name, "delay_s", _DELAYS_S)
     found = _inflated(trial, trust, replace(found, noise_factor={}))
@@ -98,7 +104,7 @@ def identify_noise(
         found = _best_candidate(trial, trust, found, name, "noise_factor", _NOISE_FACTORS)
     found = replace(found, noise_factor={**found.noise_factor, **correlated.noise_factor})
     best = trial.likelihood(trust, found)
-    for parameters in _ideal_candidates(flight, trust):
+    for parameters in _ideal_candidates(flight, trust) if trial.rest.any_motion else ():
         ideal = replace(trust, **parameters)
         likelihood = trial.likelihood(ideal, found)
         if likelihood > best + SIGNIFICANT_NATS:
@@ -142,17 +148,26 @@ def _ideal_candidates(flight: Flight, trust: InertialTrust) -> list[dict[str, fl
 
 
 class _Trial:
-    """Runs of the filter over the start of one flight, with candidate parameters."""
+    """Runs of the filter over a part of one flight, with candidate parameters."""
 
     def __init__(
-        self, flight: Flight, progress: Progress, stamps_s: Array, steps: tuple[VisualStep, ...]
+        self,
+        flight: Flight,
+        progress: Progress,
+        stamps_s: Array,
+        steps: tuple[VisualStep, ...],
+        starts_anywhere: bool,
     ) -> None:
         self.flight, self.progress, self.done = flight, progress, 0
-        self.stamps_s, self.steps = stamps_s, steps
-        self.nominal: Readings = filter_input(flight).readings
+        self.stamps_s, self.steps, self.rest = stamps_s, steps, RestWindows.of(flight)
+        whole = filter_input(flight)
+        self.nominal: Readings = whole.readings
+        self.from_s = -np.inf
+        if starts_anywhere:
+            self.from_s = self.rest.liveliest_start_s(whole.start_s, MAX_DURATION_S)
 
     def inputs(self, trust: InertialTrust, adjustments: Adjustments) -> FilterInput:
-        return filter_input(self.flight, trust, adjustments)
+        return filter_input(self.flight, trust, adjustments, self.from_s)
 
     def run(self, inputs: FilterInput) -> Track:
         from backend.ekf.track import track
@@ -173,9 +188,22 @@ class _Trial:
         series = getattr(self.nominal, READINGS[name])
         return float(np.nanmax(np.nanstd(series.values, axis=0) / series.std))
 
+    def excess(self, channel: InstrumentInnovations, over_s: tuple[float, ...]) -> float:
+        """Return the factor by which summed innovations in motion exceed their standard deviation, at the
+        worst window.
+
+        It is computed from quantiles, so that the largest tenth does not count.
+        """
+        moves = self.rest.moves_at(channel.stamps_s)
+        return max(_excess_of(_sums(channel, moves, window_s)) for window_s in over_s)
+
     def likelihood(self, trust: InertialTrust, adjustments: Adjustments) -> float:
         channels = self.run(self.inputs(trust, adjustments)).channels
-        return sum(channels[name].log_likelihood for name in _SCORED if name in channels)
+        return sum(
+            float(channel.log_likelihoods[self.rest.moves_at(channel.stamps_s)].sum())
+            for name, channel in channels.items()
+            if name in _SCORED
+        )
 
     def likelihood_at_any_delay(self, trust: InertialTrust, adjustments: Adjustments) -> float:
         """Return the likelihood of the readings that no delay moves out of the filter's time.
@@ -189,7 +217,9 @@ class _Trial:
         total = 0.0
         for name in (name for name in _SCORED if name in found):
             read_s = found[name].stamps_s + adjustments.delay_s.get(name, 0.0)
-            kept = (read_s > first_s) & (read_s < last_s) if name in _DELAYED else slice(None)
+            kept = self.rest.moves_at(read_s)
+            if name in _DELAYED:
+                kept &= (read_s > first_s) & (read_s < last_s)
             total += float(found[name].log_likelihoods[kept].sum())
         return total
 
@@ -222,7 +252,7 @@ def _inflated_over(
         channels = trial.run(inputs).channels
         before = dict(noise_factor)
         for name in _PREDICTED:
-            if name in channels and (excess := _excess(channels[name], over_s)) > _MIN_EXCESS:
+            if name in channels and (excess := trial.excess(channels[name], over_s)) > _MIN_EXCESS:
                 now = noise_factor.get(name, 1.0)
                 noise_factor[name] = max(now, min(now * excess, most(name)))
         if noise_factor == before:
@@ -230,20 +260,13 @@ def _inflated_over(
     return replace(adjustments, noise_factor=noise_factor)
 
 
-def _excess(channel: InstrumentInnovations, over_s: tuple[float, ...]) -> float:
-    """Return the factor by which summed innovations exceed their standard deviation, at the worst window.
-
-    It is computed from quantiles, so that the largest tenth does not count.
-    """
-    return max(_excess_of(_sums(channel, window_s)) for window_s in over_s)
-
-
-def _sums(channel: InstrumentInnovations, window_s: float) -> Array:
+def _sums(channel: InstrumentInnovations, counts: NDArray[np.bool_], window_s: float) -> Array:
     """Return sums (n,) of the whitened innovations of each component over windows of ``window_s``.
 
-    They are divided by the root of their number. White innovations give unit variance.
+    They are divided by the root of their number. White innovations give unit variance. Only readings that
+    ``counts`` (m,) marks are summed.
     """
-    known = np.isfinite(channel.innovation)
+    known = np.isfinite(channel.innovation) & counts[:, None]
     white = np.where(known, channel.innovation / channel.std, 0.0)
     if window_s == 0.0:
         return np.asarray(white[known])

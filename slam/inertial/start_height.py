@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-HEIGHT_ROUNDS = 4
-"""Rounds of the smoother after which a height that was a quarter off at the start has settled."""
+START_ROUNDS = 4
+"""Rounds of the smoother after which a height that was a quarter off at the start, or a heading of 30°, has
+settled."""
 _HEIGHTS_M = np.geomspace(0.2, 200.0, 18)
 """Heights that are tried: those of small vehicles, so close that the best one is at most a quarter off."""
 
@@ -51,14 +52,16 @@ def find_picture_start(
     for height_m in _HEIGHTS_M.tolist():
         start = PictureStart(first_s, height_m)
         try:
-            scores.append(_score(_tracked(flight, trust, stamps_s, steps, start, lasts_s, rounds=0)[1]))
+            scores.append(
+                likelihood_of(_tracked(flight, trust, stamps_s, steps, start, lasts_s, rounds=0)[1])
+            )
         except BackendError:
             scores.append(-np.inf)
     if not np.isfinite(scores).any():
         return None
     start = PictureStart(first_s, float(_HEIGHTS_M[np.argmax(scores)]))
     try:
-        inputs, found = _tracked(flight, trust, stamps_s, steps, start, lasts_s, HEIGHT_ROUNDS)
+        inputs, found = _tracked(flight, trust, stamps_s, steps, start, lasts_s, START_ROUNDS)
     except BackendError:
         return None
     assert found.smoothed is not None
@@ -84,7 +87,7 @@ def _tracked(
     return inputs, track(readings, stamps_s[inside], inputs.start, inputs.model, rounds=rounds, clone="each")
 
 
-def _score(found: Track) -> float:
+def likelihood_of(found: Track) -> float:
     """Return the log likelihood; a step that no camera above the floor sees counts as one at its gate."""
     pictures = found.channels.get("pictures")
     unseen = pictures.count(UNPREDICTABLE) if pictures is not None else 0

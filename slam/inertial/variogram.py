@@ -36,13 +36,14 @@ class CorrelatedProcess:
 
 
 def noise_and_power(values: Array, step_s: float, least_std: float) -> tuple[float, float]:
-    """Return the white noise of readings (n, d), and the power per second of the true value's random walk.
+    """Return the white noise of readings (n, d), and the power per second of the true value's random walk;
+    NaN does not count.
 
     The noise is ``least_std``, unless the start of the variogram is far larger. The power is the largest over
     lags up to a second.
     """
     lags = np.unique(np.round(np.geomspace(1, max(2, _LONGEST_LAG_S / step_s), _LAGS)).astype(int))
-    lags = lags[lags < len(values)]
+    lags = lags[[bool(np.isfinite(values[h:] - values[:-h]).any()) for h in lags.tolist()]]
     if len(lags) < 2:
         return least_std, _LEAST_POWER * least_std**2 / step_s
     gamma = np.array([np.nanmean((values[h:] - values[:-h]) ** 2) for h in lags])

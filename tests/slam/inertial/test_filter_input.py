@@ -12,7 +12,7 @@ from slam.core.errors import InputError
 from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Velocity
 from slam.inertial.filter_input import Adjustments, filter_input
 from slam.inertial.variogram import MARGIN, correlated_process, noise_and_power
-from slam.inertial.zero_velocity import zero_velocity_times
+from slam.inertial.zero_velocity import RestWindows, zero_velocity_times
 from tests.slam.inertial.made_navigation import made_flight, without
 
 NAN = np.nan
@@ -155,3 +155,35 @@ def test_constant_signal_keeps_least_power():
     assert power > 0
     held = correlated_process(np.zeros((500, 3)), power)
     assert held.std**2 * 2 / held.time_s == pytest.approx(MARGIN * power)
+
+
+def after_rest(flight, rest_s):
+    """A flight whose IMU stands before it, with its nominal noise."""
+    rng, imu = np.random.default_rng(0), flight.imu
+    count, root_hz = int(rest_s * 100), 1 / np.sqrt(0.01)
+    gyro, accel = (
+        rng.normal(0, density * root_hz, (count, 3))
+        for density in (imu.gyro_noise_density, imu.accel_noise_density)
+    )
+    standing = Imu(
+        np.concatenate([imu.stamps_s[0] - 0.01 * np.arange(count, 0, -1), imu.stamps_s]),
+        np.concatenate([gyro, imu.gyro_rad_s]),
+        np.concatenate([accel + [0, 0, 9.80665], imu.accel_m_s2]),
+        imu.gyro_noise_density,
+        imu.accel_noise_density,
+    )
+    return replace(flight, imu=standing)
+
+
+def test_rest_counts_neither_as_motion_nor_in_the_process_noise():
+    flight = made_flight(0)
+    standing = after_rest(flight, 40.0)
+    rest = RestWindows.of(standing)
+    assert not RestWindows.of(flight).rests.any()
+    assert rest.moves_at(np.array([-30.0, -10.0, 5.0, 15.0])).tolist() == [False, False, True, True]
+    assert rest.first_motion_s(-40.0) == pytest.approx(0.0, abs=0.6)
+    assert rest.liveliest_start_s(-40.0, 15.0) == pytest.approx(-2.0, abs=0.6)
+    assert RestWindows.of(flight).liveliest_start_s(0.0, 15.0) == 0.0
+    alone, after = (filter_input(f).model for f in (flight, standing))
+    assert after.accel_m_s2 == pytest.approx(alone.accel_m_s2, rel=0.1)
+    assert after.rate_rad_s == pytest.approx(alone.rate_rad_s, rel=0.1)

@@ -7,9 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from slam.core.progress import silent
 from slam.inertial import noise_identification
 from slam.inertial.filter_input import Adjustments
 from slam.inertial.instruments import InertialTrust
+from slam.inertial.zero_velocity import RestWindows
+from tests.slam.inertial.made_navigation import made_flight
+from tests.slam.inertial.test_filter_input import after_rest
 
 
 @pytest.mark.parametrize("start_s", [0.0, 0.5, 1.7e9 + 0.7])
@@ -17,7 +21,9 @@ def test_each_delay_is_scored_by_the_same_readings(start_s: float, monkeypatch: 
     """Readings at both limits of the time had counted or not by the rounding of their stamps."""
     at_s = start_s + 0.1 * np.arange(60)
 
-    def inputs(flight: None, trust: InertialTrust, adjustments: Adjustments) -> SimpleNamespace:
+    def inputs(
+        flight: None, trust: InertialTrust, adjustments: Adjustments, from_s: float
+    ) -> SimpleNamespace:
         return SimpleNamespace(start_s=start_s, end_s=start_s + 5.0, adjustments=adjustments)
 
     def run(inputs: SimpleNamespace) -> SimpleNamespace:
@@ -29,9 +35,20 @@ def test_each_delay_is_scored_by_the_same_readings(start_s: float, monkeypatch: 
     monkeypatch.setattr(noise_identification, "filter_input", inputs)
     trial = object.__new__(noise_identification._Trial)
     trial.flight, trial.run = None, run  # type: ignore[assignment, method-assign]
+    trial.from_s, trial.rest = start_s, RestWindows(np.zeros(0), np.zeros(0, dtype=bool))
     delays_s = (0.0, *noise_identification._DELAYS_S)
     counts = {
         trial.likelihood_at_any_delay(InertialTrust(), Adjustments(delay_s={"velocity": delay_s}))
         for delay_s in delays_s
     }
     assert counts == {45.0}
+
+
+def test_two_minutes_begin_where_the_vehicle_begins_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the ground every instrument looks ideal."""
+    monkeypatch.setattr(noise_identification, "MAX_DURATION_S", 10.0)
+    flight = after_rest(made_flight(0), 40.0)
+    trial = noise_identification._Trial(flight, silent, np.zeros(0), (), starts_anywhere=True)
+    inputs = trial.inputs(InertialTrust(), Adjustments())
+    assert inputs.start_s == pytest.approx(-2.0, abs=0.6)
+    assert trial.rest.moves_at(np.array([-1.5, 5.0])).tolist() == [False, True]
