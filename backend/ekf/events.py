@@ -14,6 +14,9 @@ Array = NDArray[np.float64]
 
 _MAX_STEP_S = 0.05
 """Largest time step of the propagation through gaps."""
+_MOST_STEPS = 1200
+"""Most steps through one gap, a minute of them. Longer gaps take longer steps: the mean of the rate, which
+the steps are for, has faded by then."""
 _WIDTH = 3
 """Number of components of the widest reading."""
 
@@ -73,12 +76,16 @@ def _without_values(kind: int, stamps_s: Array) -> _Part:
 
 
 def _gap_times(stamps_s: Array) -> Array:
-    """Return times inside gaps between stamps, at most the largest step apart."""
+    """Return times inside gaps between stamps, at most the largest step apart in all but very long ones."""
     known = np.unique(stamps_s)
     gaps = np.flatnonzero(np.diff(known) > _MAX_STEP_S)
     between = [
-        np.linspace(known[g], known[g + 1], int(np.ceil((known[g + 1] - known[g]) / _MAX_STEP_S)) + 1)
-        for g in gaps.tolist()
+        np.linspace(known[g], known[g + 1], steps + 1)
+        for g, steps in zip(
+            gaps.tolist(),
+            np.minimum(np.ceil(np.diff(known)[gaps] / _MAX_STEP_S), _MOST_STEPS).astype(int).tolist(),
+            strict=True,
+        )
     ]
     return np.concatenate([inner[1:-1] for inner in between]) if between else np.zeros(0)
 

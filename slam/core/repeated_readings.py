@@ -1,9 +1,12 @@
-"""Blocks of readings that repeat earlier ones of the same stream exactly, at other times.
+"""Readings that repeat earlier ones of the same stream exactly, at other times.
 
-Noise never repeats: such a block was copied when the file was joined or repaired, and is no measurement.
+Noise never repeats. A block of such readings was copied when the file was joined or repaired. A logger that
+is faster than its sensor writes each reading several times in a row. Neither is a measurement.
 """
 
 from __future__ import annotations
+
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -27,14 +30,44 @@ _FIELDS = {
 }
 
 
+_HELD = ("imu", "attitude", "velocity")
+"""Streams whose repetitions are dropped: a range or a height may be coarse, and repeat by itself."""
+
+
+def without_held_readings(flight: Flight) -> Flight:
+    """Return the flight with the first of each run of equal readings where most only repeat the one before,
+    each a warning.
+
+    The runs of a logger are of about one length; those of a coarse or resting sensor are not.
+    """
+    for name in _HELD:
+        series = getattr(flight, name)
+        if series is None or len(series.stamps_s) < 2 * _ROWS:
+            continue
+        count = len(series.stamps_s)
+        values = np.column_stack([getattr(series, field) for field in _FIELDS[name]])
+        first = np.append(True, (values[1:] != values[:-1]).any(axis=1))
+        runs = np.diff(np.append(np.flatnonzero(first), count))
+        usual = np.median(runs)
+        if len(runs) < _ROWS or usual < 2 or 2 * runs[runs > 2 * usual].sum() > count:
+            continue
+        arrays = {f.name: getattr(series, f.name) for f in fields(series)}
+        kept = {key: a[first] for key, a in arrays.items() if isinstance(a, np.ndarray) and len(a) == count}
+        flight = replace(flight, **{name: replace(series, **kept)}).with_warning(
+            f"{STREAMS[name].folder}: {count - len(runs)} of {count} readings only repeat the one before, as "
+            "a logger writes that is faster than its sensor; the first of each is kept"
+        )
+    return flight
+
+
 def repeated_readings(flight: Flight) -> list[str]:
     """Return a line for each stream in which a block of readings repeats an earlier one."""
     lines = []
-    for name, fields in _FIELDS.items():
+    for name, columns in _FIELDS.items():
         series = getattr(flight, name)
         if series is None:
             continue
-        block = _longest_copy(np.column_stack([getattr(series, field) for field in fields]))
+        block = _longest_copy(np.column_stack([getattr(series, column) for column in columns]))
         if block is not None:
             first, earlier, count = block
             at_s = series.stamps_s[[first, first + count - 1, earlier, earlier + count - 1]]

@@ -29,6 +29,8 @@ _MEAN_S = 0.25
 """Time over which readings are averaged, so that their noise does not hide changes of velocity."""
 _LONGEST_CHANGE_S = 1.5
 """Over longer times the IMU's errors of tilt add up to more than vehicles accelerate."""
+_LONGEST_GAP_S = 60.0
+"""Gap of the IMU beyond which nothing is left of its motion, and a day would fill the memory."""
 _LEAST_CHANGES = 40
 """Fewer changes of velocity do not show a clock surely."""
 
@@ -49,6 +51,9 @@ class ImuMotion:
             return None
         inputs = filter_input(replace(flight, velocity=None, sonar=None, barometer=None, gps=None), trust)
         at_s = np.arange(inputs.start_s, inputs.end_s, _STEP_S)
+        imu_s = flight.imu.stamps_s
+        after = np.searchsorted(imu_s, at_s).clip(1, len(imu_s) - 1)
+        at_s = at_s[imu_s[after] - imu_s[after - 1] < _LONGEST_GAP_S]
         if len(at_s) < 2:
             return None
         states = filter_motion(inputs, at_s).smoothed

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.ekf.inputs import Series
+from slam.core.errors import InputError, one_line
 from slam.core.geodesy import enu_from_geodetic
 from slam.core.rotations import rotation_of
 from slam.inertial.variogram import CorrelatedProcess, correlated_process, noise_and_power
@@ -62,13 +63,21 @@ def complete(values: Array) -> bool:
 
 
 def inertial_of(flight: Flight) -> tuple[Series | None, Series | None, CorrelatedProcess, CorrelatedProcess]:
-    """Return gyro and accelerometer in body axes, and the process noise of body rate and acceleration."""
+    """Return gyro and accelerometer in body axes, and the process noise of body rate and acceleration.
+
+    Raises ``InputError`` where one of them has no reading.
+    """
     imu = flight.imu
     if imu is None or len(imu.stamps_s) < 2:
         return None, None, _DEFAULT_RATE, _DEFAULT_ACCEL
+    for values, word in ((imu.gyro_rad_s, "gyro"), (imu.accel_m_s2, "accelerometer")):
+        if not complete(values):
+            raise InputError(
+                f"{one_line(flight.name)}: the {word} of imu0 has no readings; repair imu0, or leave it out"
+            )
     R, moves = imu.b_T_s[:3, :3], RestWindows.of(flight).moves_at(imu.stamps_s)[:, None]
     gyro, accel = imu.gyro_rad_s @ R.T, imu.accel_m_s2 @ R.T
-    step_s = float(np.median(np.diff(imu.stamps_s)))
+    step_s = float(np.median(np.diff(np.unique(imu.stamps_s))))
     # At rest nothing shows vibration, nor how fast a vehicle moves.
     flown_gyro, flown_accel = (np.where(moves, values, np.nan) for values in (gyro, accel))
     gyro_std, rate = noise_and_power(flown_gyro, step_s, imu.gyro_noise_density / np.sqrt(step_s))

@@ -16,6 +16,7 @@ from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.flight_info import describe
 from slam.core.progress import Progress, show_compilation, silent
+from slam.core.repeated_readings import without_held_readings
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.core.stage_timer import Stopwatch
 from slam.core.turn_units import in_radians
@@ -37,6 +38,8 @@ TRAJECTORY_NAMES = ("dead reckoning on board", "filter", "smoothed")
 MOST_POSES = 200_000
 CONTRADICTION_FACTOR = 100.0
 """Factor on the nominal noise that counts as a contradiction. A few are usual; vibration gives thirty."""
+_LEAST_PAUSE_S, _LEAST_LOSS_M = 1.0, 1.0
+"""Pause that filters of an instrument never cause, and uncertainty of a position that a track may do with."""
 _REPORTED_TILT_DEG, _REPORTED_SCALE = 3.0, 1e-6
 """Error of the on-board tilt, and standard deviation of a fixed scale, above which a warning is given."""
 
@@ -61,7 +64,7 @@ def navigate(
     Raises ``InputError`` where the recording is insufficient, or would give more than ``MOST_POSES`` poses.
     """
     check_flight(flight)
-    flight, clock = in_radians(flight), Stopwatch()
+    flight, clock = in_radians(without_held_readings(flight)), Stopwatch()
     with show_compilation(progress):
         with clock("instruments"):
             flight, contradictions = checked(flight, trust)
@@ -76,7 +79,12 @@ def navigate(
     assert track.smoothed is not None
     covariances = track.smoothed.covariances if absolute else _since_first(track.smoothed)
     position_std = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
-    messages = [*_unobserved(inputs, float(position_std[-1])), *_contradicted(inputs), *contradictions]
+    messages = [
+        *_unobserved(inputs, float(position_std[-1])),
+        *_lost_in_pauses(inputs, at_s, position_std),
+        *_contradicted(inputs),
+        *contradictions,
+    ]
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(
         name=flight.name,
@@ -205,6 +213,22 @@ def _unobserved(inputs: FilterInput, position_std_m: float) -> list[str]:
     if readings.range_m is None and not with_altitude:
         messages.append("neither range nor altitude was measured: heights are relative to the start")
     return messages
+
+
+def _lost_in_pauses(inputs: FilterInput, at_s: Array, position_std_m: Array) -> list[str]:
+    """Return a message where a pause of all instruments of the motion causes most of the position's error."""
+    held = (inputs.readings.gyro_rad_s, inputs.readings.velocity_m_s, inputs.readings.w_p_b_m)
+    stamps_s = np.unique(np.concatenate([series.stamps_s for series in held if series is not None]))
+    gaps = np.flatnonzero(np.diff(stamps_s) > _LEAST_PAUSE_S)
+    lost = []
+    for last_s, next_s in zip(stamps_s[gaps].tolist(), stamps_s[gaps + 1].tolist(), strict=True):
+        before, after = (int(np.searchsorted(at_s, t).clip(0, len(at_s) - 1)) for t in (last_s, next_s))
+        if position_std_m[after] > 2 * position_std_m[max(before - 1, 0)] + _LEAST_LOSS_M:
+            lost.append(f"from {last_s:.1f} to {next_s:.1f} s (±{position_std_m[after]:.2g} m)")
+    if not lost:
+        return []
+    more = f" and {len(lost) - 3} times more" if len(lost) > 3 else ""
+    return [f"no instrument was recorded {', '.join(lost[:3])}{more}: the position behind is lost"]
 
 
 def rejection_counts(track: Track) -> dict[str, int]:

@@ -64,7 +64,7 @@ def white_density(stamps_s: Array, values: Array) -> float:
         return float("inf")
     steps = np.diff(values[known], axis=0) / np.sqrt(2)
     std = max(robust_std(column) for column in steps.T)
-    return std * float(np.sqrt(np.median(np.diff(stamps_s[known]))))
+    return std * float(np.sqrt(np.median(np.diff(np.unique(stamps_s[known])))))
 
 
 def correlated_process(values: Array, power: float) -> CorrelatedProcess:

@@ -66,7 +66,8 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
     inputs = filter_input(replace(flight, velocity=None), trust)
     read_s = velocity.stamps_s[known]
     begin_s, end_s = max(inputs.start_s, read_s[0]) if known.any() else np.inf, inputs.end_s
-    at_s = np.arange(begin_s, min(end_s, read_s[-1]), _STEP_S) if begin_s < end_s else np.empty(0)
+    pieces = _without_gaps([imu.stamps_s, read_s], begin_s, min(end_s, read_s[-1])) if begin_s < end_s else []
+    at_s, ends = np.concatenate([[], *pieces]), np.cumsum([len(piece) for piece in pieces])[:-1]
     if len(at_s) < 2 * _WINDOW_S / _STEP_S:
         return ""
     states = filter_motion(inputs, at_s).smoothed
@@ -74,27 +75,51 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
     yaw_rad = roll_pitch_yaw_of(states.w_T_b[:, :3, :3])[:, 2]
     level = np.column_stack([np.interp(at_s, read_s, v) for v in velocity.v_m_s[known].T])
     turn = np.exp(1j * yaw_rad)
-    made = _without_mean(states.w_v_m_s[:, :2])
+    made = _without_mean(states.w_v_m_s[:, :2], ends)
     noise_m_s = _noise_m_s(imu.stamps_s, imu.accel_m_s2)
     moved = float(np.sqrt((made**2).sum(axis=1).mean())) / noise_m_s
     if moved < _ABOVE_NOISE:
         return ""
     if (np.ptp(velocity.v_m_s[known], axis=0) == 0).all():
         return f"velocity0 does not change while imu0 shows that the vehicle accelerates (stuck?): {_CHECK}"
-    count = _independent(at_s)
+    count = _independent(len(at_s))
     chance = _SURE / np.sqrt(count)
-    read = {name: _changes(level @ axes, turn) for name, axes in _AXES.items()}
+    read = {name: _changes(level @ axes, turn, ends) for name, axes in _AXES.items()}
     return (
         _other_axes(read, made, chance)
         or _compared(read[""], made, chance, moved)
         or _in_a_part(read, made, at_s, noise_m_s)
-        or _other_zero(read[""], made, turn, count, trust.velocity_error_m_s)
+        or _other_zero(read[""], made, turn, ends, count, trust.velocity_error_m_s)
     )
 
 
-def _independent(at_s: Array) -> float:
+def _without_gaps(streams: list[Array], begin_s: float, end_s: float) -> list[Array]:
+    """Return the times at which velocities are compared, in pieces between the gaps of all streams.
+
+    Over a gap of a window the change of one velocity has nothing to do with that of the other.
+    """
+    lasts, nexts = [begin_s], [end_s]
+    for stamps_s in streams:
+        gaps = np.flatnonzero(np.diff(stamps_s) > _WINDOW_S / 2)
+        lasts += stamps_s[gaps + 1].tolist()
+        nexts += stamps_s[gaps].tolist()
+    edges_s = np.unique(np.clip([*lasts, *nexts], begin_s, end_s))
+    pieces = []
+    for first_s, last_s in zip(edges_s[:-1].tolist(), edges_s[1:].tolist(), strict=True):
+        middle_s = (first_s + last_s) / 2
+        is_gap = any(
+            stamps_s[min(k, len(stamps_s) - 1)] - stamps_s[max(k - 1, 0)] > _WINDOW_S / 2
+            for stamps_s in streams
+            for k in (int(np.searchsorted(stamps_s, middle_s)),)
+        )
+        if not is_gap and last_s - first_s > _WINDOW_S:
+            pieces.append(np.arange(first_s, last_s, _STEP_S))
+    return pieces
+
+
+def _independent(rows: int) -> float:
     """Return the number of independent changes of velocity: two axes, twice in a window."""
-    return 2 * max(float(at_s[-1] - at_s[0]) / (0.5 * _WINDOW_S), 1.0)
+    return 2 * max(rows * _STEP_S / (0.5 * _WINDOW_S), 1.0)
 
 
 def _in_a_part(read: Mapping[str, Array], made: Array, at_s: Array, noise_m_s: float) -> str:
@@ -103,7 +128,7 @@ def _in_a_part(read: Mapping[str, Array], made: Array, at_s: Array, noise_m_s: f
         for rows in np.array_split(np.arange(len(at_s)), parts):
             if float(np.sqrt((made[rows] ** 2).sum(axis=1).mean())) < _ABOVE_NOISE * noise_m_s:
                 continue
-            chance = _SURE_IN_PARTS / np.sqrt(_independent(at_s[rows]))
+            chance = _SURE_IN_PARTS / np.sqrt(_independent(len(rows)))
             of_part = {name: changes[rows] for name, changes in read.items()}
             if line := _other_axes(of_part, made[rows], chance):
                 return f"from {at_s[rows[0]]:.1f} to {at_s[rows[-1]]:.1f} s {line}"
@@ -111,7 +136,12 @@ def _in_a_part(read: Mapping[str, Array], made: Array, at_s: Array, noise_m_s: f
 
 
 def _other_zero(
-    read: Array, made: Array, turn: NDArray[np.complex128], independent: float, usual_m_s: float
+    read: Array,
+    made: Array,
+    turn: NDArray[np.complex128],
+    ends: NDArray[np.int64],
+    independent: float,
+    usual_m_s: float,
 ) -> str:
     """Describe a constant error of the velocity, which turns with the vehicle, beyond the ``usual_m_s``.
 
@@ -119,7 +149,7 @@ def _other_zero(
     constant velocity forward and left. At one heading the latter are none, and nothing is known.
     ``independent``: the number of changes that do not depend on each other.
     """
-    constants = [_changes(np.tile(axis, (len(turn), 1)), turn) for axis in np.eye(2)]
+    constants = [_changes(np.tile(axis, (len(turn), 1)), turn, ends) for axis in np.eye(2)]
     columns = np.column_stack([c.ravel() for c in (read, *constants)])
     inverse = np.linalg.pinv(columns.T @ columns)
     fitted = inverse @ columns.T @ made.ravel()
@@ -136,10 +166,10 @@ def _other_zero(
     )
 
 
-def _changes(level: Array, turn: NDArray[np.complex128]) -> Array:
+def _changes(level: Array, turn: NDArray[np.complex128], ends: NDArray[np.int64]) -> Array:
     """Return changes of velocity (n, 2) in axes that do not turn, from those forward and left (n, 2)."""
     along = (level[:, 0] + 1j * level[:, 1]) * turn
-    return _without_mean(np.column_stack([along.real, along.imag]))
+    return _without_mean(np.column_stack([along.real, along.imag]), ends)
 
 
 def _correlation(read: Array, made: Array) -> float:
@@ -180,8 +210,11 @@ def _compared(read: Array, made: Array, chance: float, moved: float) -> str:
     return ""
 
 
-def _without_mean(values: Array) -> Array:
-    return np.asarray(values - uniform_filter1d(values, int(_WINDOW_S / _STEP_S) + 1, axis=0, mode="nearest"))
+def _without_mean(values: Array, ends: NDArray[np.int64]) -> Array:
+    """Return values (n, c) without their mean over a window, in each piece between the rows ``ends``."""
+    size = int(_WINDOW_S / _STEP_S) + 1
+    pieces = np.split(values, ends)
+    return np.concatenate([piece - uniform_filter1d(piece, size, axis=0, mode="nearest") for piece in pieces])
 
 
 def _noise_m_s(stamps_s: Array, accel_m_s2: Array) -> float:

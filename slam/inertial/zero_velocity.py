@@ -75,7 +75,7 @@ class RestWindows:
         if imu is None or len(imu.stamps_s) < 2:
             return RestWindows(np.zeros(0), np.zeros(0, dtype=bool))
         begins_s = _begins_s(imu)
-        root_hz = 1 / np.sqrt(float(np.median(np.diff(imu.stamps_s))))
+        root_hz = 1 / np.sqrt(float(np.median(np.diff(np.unique(imu.stamps_s)))))
         rests = np.ones(len(begins_s), dtype=bool)
         for values, floor, density in (
             (imu.gyro_rad_s, _GYRO_STD_RAD_S, imu.gyro_noise_density),

@@ -16,6 +16,7 @@ from slam.core.estimate import Estimate
 from slam.core.flight import Flight
 from slam.core.heap import map_large_blocks
 from slam.core.progress import Progress
+from slam.core.repeated_readings import without_held_readings
 from slam.core.stage_timer import Stopwatch
 from slam.core.turn_units import in_radians
 from slam.mapping.build_estimate import build_estimate, shared_errors
@@ -51,7 +52,7 @@ def map_flight(
     """Return what `slam.mapping.pipeline.optimize_with_observations` does."""
     map_large_blocks()
     camera = _camera(flight)
-    flight = without_horizon_frames(without_clock_steps(in_radians(flight)), camera)
+    flight = without_horizon_frames(without_clock_steps(in_radians(without_held_readings(flight))), camera)
     job = Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would compete for the same cores.
     with threadpool_limits(1, "blas"):

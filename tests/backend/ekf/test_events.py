@@ -22,3 +22,10 @@ def test_the_readings_of_each_channel_become_events(channel):
     three = Series(np.array([0.1, 0.2, 0.3]), np.ones((3, 1)), np.ones(1))
     events = sort_events(Readings(**{READINGS[channel]: three}), np.array([0.4]), "none")
     assert (events.kind == CHANNELS[channel]).sum() == 3
+
+
+def test_a_gap_of_a_day_takes_few_steps():
+    two = Series(np.array([0.0, 10.0, 86_400.0]), np.ones((3, 1)), np.ones(1))
+    events = sort_events(Readings(range_m=two), np.array([0.0]), "none")
+    assert 1300 < len(events.kind) < 1500
+    assert np.diff(events.stamps_s[events.stamps_s <= 10.0]).max() == pytest.approx(0.05)

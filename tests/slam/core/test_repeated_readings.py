@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam.core.flight import Flight, Sonar, Velocity
+from slam.core.flight import Flight, Imu, Sonar, Velocity
 from slam.core.flight_info import describe
-from slam.core.repeated_readings import repeated_readings
+from slam.core.repeated_readings import repeated_readings, without_held_readings
 
 
 def read(range_m: np.ndarray) -> Flight:
@@ -35,3 +35,24 @@ def test_a_sensor_that_is_coarse_or_rests_or_has_no_echo_is_not_told():
     assert repeated_readings(read(np.full(400, np.nan))) == []
     assert repeated_readings(read(np.repeat(rng.normal(1.0, 0.01, 40), 10))) == []
     assert repeated_readings(read(np.empty(0))) == []
+
+
+def imu_of(values: np.ndarray) -> Flight:
+    return Flight("made", imu=Imu(0.005 * np.arange(len(values)), values, values + 1))
+
+
+def test_readings_that_a_logger_repeats_are_dropped_and_told():
+    values = np.random.default_rng(0).normal(0, 0.1, (100, 3))
+    flight = without_held_readings(imu_of(np.repeat(values, 8, axis=0)))
+    assert flight.imu is not None
+    np.testing.assert_array_equal(flight.imu.gyro_rad_s, values)
+    np.testing.assert_allclose(flight.imu.stamps_s, 0.04 * np.arange(100))
+    assert flight.warnings[0].startswith("imu0: 700 of 800 readings only repeat the one before")
+
+
+def test_readings_that_repeat_by_themselves_stay():
+    rng = np.random.default_rng(0)
+    stuck = np.concatenate([rng.normal(0, 0.1, (100, 3)), np.zeros((400, 3))])
+    for values in (rng.normal(0, 0.1, (400, 3)), stuck, np.zeros((400, 3))):
+        flight = imu_of(values)
+        assert without_held_readings(flight) is flight

@@ -187,3 +187,15 @@ def test_rest_counts_neither_as_motion_nor_in_the_process_noise():
     alone, after = (filter_input(f).model for f in (flight, standing))
     assert after.accel_m_s2 == pytest.approx(alone.accel_m_s2, rel=0.1)
     assert after.rate_rad_s == pytest.approx(alone.rate_rad_s, rel=0.1)
+
+
+def test_an_imu_without_a_reading_of_one_kind_is_named_and_rows_may_come_twice():
+    flight = made_flight(0)
+    imu = flight.imu
+    with pytest.raises(InputError, match="the accelerometer of imu0 has no readings"):
+        filter_input(replace(flight, imu=replace(imu, accel_m_s2=NAN * imu.accel_m_s2)))
+    with pytest.raises(InputError, match="the gyro of imu0 has no readings"):
+        filter_input(replace(flight, imu=replace(imu, gyro_rad_s=NAN * imu.gyro_rad_s)))
+    twice = np.repeat(np.arange(len(imu.stamps_s)), 2)
+    rows = {name: getattr(imu, name)[twice] for name in ("stamps_s", "gyro_rad_s", "accel_m_s2")}
+    assert np.isfinite(filter_input(replace(flight, imu=replace(imu, **rows))).model.accel_m_s2)

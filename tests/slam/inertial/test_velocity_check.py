@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.flight import Flight
+from slam.core.flight import VEHICLE_CLOCK_STREAMS, Flight
 from slam.inertial.filter_input import filter_input
-from slam.inertial.navigate import navigate
+from slam.inertial.navigate import _lost_in_pauses, navigate
 from slam.inertial.velocity_check import velocity_contradiction
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
@@ -56,6 +56,23 @@ def test_wrong_velocities_are_told_with_their_cause(flight: Flight, with_attitud
         (0.1 * v, "unit?"),
     ):
         assert cause in velocity_contradiction(reading(flight, wrong))
+
+
+def test_velocities_are_not_compared_across_a_pause(turning: Flight):
+    """What changed meanwhile had been told as a constant error of the velocity."""
+    assert turning.imu is not None
+    middle_s = float(np.median(turning.imu.stamps_s))
+    paused = turning.restamped(VEHICLE_CLOCK_STREAMS, lambda t: t + 60.0 * (t > middle_s))
+    assert velocity_contradiction(paused) == ""
+    inputs = filter_input(paused)
+    at_s = np.arange(inputs.start_s, inputs.end_s, 0.5)
+    std_m = np.where(at_s > middle_s + 30, 400.0, 0.1)
+    (line,) = _lost_in_pauses(inputs, at_s, std_m)
+    assert re.match(r"no instrument was recorded from .* s \(±4e\+02 m\): the position behind is lost", line)
+    assert _lost_in_pauses(inputs, at_s, np.full(len(at_s), 0.1)) == []
+    assert _lost_in_pauses(filter_input(turning), at_s, std_m) == []
+    wrong = reading(paused, -turning.velocity.v_m_s)
+    assert "both axes turned round" in velocity_contradiction(wrong)
 
 
 def test_swapped_axes_are_told():
