@@ -107,7 +107,7 @@ class RestWindows:
             return np.ones(len(stamps_s), dtype=bool)
         rest_s = self.begins_s[self.rests]
         k = np.searchsorted(rest_s, stamps_s, side="right") - 1
-        return ~((k >= 0) & (stamps_s - np.append(rest_s, np.inf)[k] < _WINDOW_S))
+        return np.asarray(~((k >= 0) & (stamps_s - np.append(rest_s, np.inf)[k] < _WINDOW_S)), dtype=bool)
 
     def first_motion_s(self, start_s: float) -> float:
         """Return when the vehicle first moves after ``start_s``; that time itself if it never does."""
