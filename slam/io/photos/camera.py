@@ -106,8 +106,11 @@ def _focal(tags: PhotoTags) -> _Focal:
         film = _Focal(px, "tags", f"from {tags.focal_35mm:g} mm on 35 mm film (Exif)")
     is_stale = bool(tags.sensor_px_per_mm) and _sensor_mm(tags) < _LEAST_SENSOR_MM
     if tags.focal_mm and tags.sensor_px_per_mm and not is_stale:
-        px = tags.focal_mm * tags.sensor_px_per_mm * scale
-        remark = f"from {tags.focal_mm:g} mm and {tags.sensor_px_per_mm:.1f} px/mm of sensor (Exif){scaled}"
+        zoom = tags.digital_zoom or 1.0  # of the pixels alone: the lens stays as it is
+        px = tags.focal_mm * tags.sensor_px_per_mm * zoom * scale
+        zoomed = f", enlarged {zoom:g} times" if zoom != 1 else ""
+        by_sensor = f"from {tags.focal_mm:g} mm and {tags.sensor_px_per_mm:.1f} px/mm of sensor (Exif)"
+        remark = f"{by_sensor}{zoomed}{scaled}"
         if (
             film is None
             or not _is_plausible(film.px, tags)

@@ -50,8 +50,9 @@ def _check_warnings(report: ControlReport) -> list[str]:
     if dof < 1 or float(np.sum(z**2)) <= chi_square_limit(FALSE_ALARM, dof):
         return []
     off_m = np.sqrt(np.nansum(off**2, axis=1)).max()
+    beside = "" if report.is_followed else " beside what all of them share"
     return [
-        f"check points lie up to {off_m:.3g} m from the map, {np.sqrt(np.mean(z**2)):.2g} times their "
-        "standard deviation: the map is less accurate than it states, or a check point is wrong; check their "
-        "coordinates and pixels"
+        f"check points lie up to {off_m:.3g} m from the map{beside}, {np.sqrt(np.mean(z**2)):.2g} times "
+        "their standard deviation: the map is less accurate than it states, or a check point is wrong; check "
+        "their coordinates and pixels"
     ]

@@ -94,3 +94,10 @@ def test_the_resolution_of_a_sensor_that_would_be_tiny_is_that_of_the_original(o
     assert camera.focal_std_ratio == 0.3, "assumed"
     assert "a sensor 1.2 mm wide" in remarks[0]
     assert photo_camera([replace(resized, focal_35mm=28.0)])[0].focal_std_ratio == 0.03
+
+
+def test_a_digital_zoom_enlarges_the_focal_length_by_the_sensor():
+    whole, _ = photo_camera([CANON])
+    zoomed, remarks = photo_camera([replace(CANON, digital_zoom=2.0)])
+    assert zoomed.focal_px[0] == pytest.approx(2 * whole.focal_px[0])
+    assert any("enlarged 2 times" in remark for remark in remarks)
