@@ -186,7 +186,8 @@ def _left(recording: Recording, chosen: tuple[Offer, ...]) -> list[StreamSource]
     rivals = {offer.stream: offer.channel for offer in chosen}
     left: dict[str, tuple[str, int, str]] = {}
     for offer in recording.offers:
-        is_candidate = offer not in chosen and not offer.doubt and offer.stream in rivals
+        is_rival = rivals.get(offer.stream, offer.channel) != offer.channel
+        is_candidate = is_rival and not offer.doubt
         if (offer.channel not in taken or is_candidate) and offer.channel not in left:
             reason = _reason(offer, rivals.get(offer.stream)) if offer.rows else "no rows"
             left[offer.channel] = (offer.kind, offer.rows, reason)

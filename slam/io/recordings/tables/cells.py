@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 
 _MISSING = ("-", "nan", "null", "none", "na", "n/a")
 """Cells without a reading beside empty ones, in small letters."""
-_WITH_POINT = re.compile(r"[-+]?\d*\.\d+")
-_WITH_COMMA = re.compile(r"[-+]?\d+,\d+")
+_WITH_POINT = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?")
+_WITH_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 _LIKE_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 _COORDINATE = re.compile(r"([NSEW])?\s*([-+.,\d]+)\s*°?\s*([NSEW])?", re.IGNORECASE)
 """A number with the letter of its hemisphere before or behind it."""

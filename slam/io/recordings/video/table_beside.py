@@ -89,11 +89,11 @@ def _cut(table: Table, start_s: float, video_s: float) -> Table:
 
 def coverage(name: str, stamps_s: Array, video_s: float) -> tuple[str, ...]:
     """Return a warning where readings (n,) beside a video begin late or end early."""
-    # Each reading holds until the next; the last one for as long as the others.
+    # Each reading holds until the next; the last one for as long as the others. A switch starts loggers too.
     stamps_s = np.sort(stamps_s)
     step_s = float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else 0.0
     begin_s, end_s = float(stamps_s[0]), float(stamps_s[-1]) + step_s
-    if begin_s <= 2 * step_s and end_s >= video_s - step_s:
+    if begin_s <= max(2 * step_s, _SWITCH_S) and end_s >= video_s - max(step_s, _SWITCH_S):
         return ()
     covered = f"{begin_s:.1f} to {end_s:.1f} s of a video of {video_s:.1f} s"
     return (f"{name} covers {covered}; beyond, there is no reading; copy it again if it is longer",)

@@ -16,6 +16,7 @@ from tests.slam.io.recordings.tables.made_table import lines_with, read, table
         ("time [s]\trange [m]", ("0,5\t1,25", "1,5\t1,75")),
         ("time [s],range [m]", ('"0,5","1,25"', '"1,5","1,75"')),
         ("time [s];range [m]", ("0.5;1.25", "1.5;1.75")),
+        ("time [s];range [m]", ("5,000e-01;1,2500e+00", "1,500e+00;1,7500e+00")),
     ],
 )
 def test_decimal_commas_are_those_of_the_whole_table(tmp_path, header, rows):

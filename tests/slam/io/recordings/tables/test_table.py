@@ -100,3 +100,9 @@ def test_an_archive_of_a_video_and_its_table(tmp_path):
     flight, _ = open_flight(tmp_path / "both.zip", silent)
     assert len(flight.frames) == 40
     assert len(flight.sonar.stamps_s) == 4
+
+
+def test_a_table_with_two_attitudes_is_taken_once_and_not_listed_as_left(tmp_path):
+    header = "time [s],gb_yaw [°],gb_pitch [°],gb_roll [°],roll [°],pitch [°],heading [°]"
+    flight = read(table(tmp_path / "a.csv", header, "0,0,-90,0,1,2,3", "1,0,-90,0,1,2,3"))
+    assert [source.stream for source in flight.sources if source.channel == "a.csv"] == ["attitude0"]

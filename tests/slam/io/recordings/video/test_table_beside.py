@@ -89,3 +89,11 @@ def test_a_table_that_ends_before_the_video_is_named(tmp_path):
     flight = read(path)
     assert len(flight.sonar.stamps_s) == 20
     assert lines_with(flight, ["a.csv covers 0.0 to 2.0 s of a video of 3.9 s"])
+
+
+def test_a_fast_table_that_begins_and_ends_with_the_switch_covers_the_video(tmp_path):
+    path = video(tmp_path / "a.mp4")
+    table(tmp_path / "a.csv", "time [s],range [m]", *(f"{k / 100},1" for k in range(5, 345)))
+    flight = read(path)
+    assert len(flight.sonar.stamps_s) == 340
+    assert not lines_with(flight, ["covers"])
