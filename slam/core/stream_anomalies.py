@@ -24,6 +24,11 @@ STUCK_S, STUCK_COUNT = 5.0, 20
 """A reading that repeats for so long and so often is stuck, or the vehicle is on the ground. In a
 shorter recording, so many readings must be all."""
 SATURATED_SHARE = ECHO_SHARE = 0.01
+_LEAST_JUMP = 0.1
+"""A height changes by a smaller share between readings at 10 Hz, unless the vehicle climbs its own height in
+a second."""
+_MOST_STEPS = 2
+"""Quantised readings of one height differ by so many steps at most: one to either side."""
 LEAST_GRAVITY_M_S2 = 0.25 * GRAVITY_M_S2
 """In every flight the median of the one-second means of the specific force is larger than this, because a
 vehicle carries its weight in the mean."""
@@ -164,11 +169,16 @@ def sonar_anomalies(sonar: Sonar) -> list[str]:
 
 
 def _value_without_echo(ranges: Array) -> float:
-    """Return the largest of ranges (n,) if they repeat it, and rarely lie beside it; infinity otherwise."""
-    largest = float(ranges.max())
-    repeated = int(np.sum(ranges == largest))
-    beside = int(np.sum(ranges >= largest - _NEAR_END * np.ptp(ranges))) - repeated
-    return largest if repeated > max(beside, STUCK_COUNT) and repeated < len(ranges) else np.inf
+    """Return the largest of ranges (n,) if they repeat it and jump to it; infinity otherwise.
+
+    A height that is held, or reached by a climb, has readings just below it, if only by a step of the sensor.
+    """
+    values, counts = np.unique(ranges, return_counts=True)
+    if len(values) < 2 or counts[-1] <= STUCK_COUNT:
+        return np.inf
+    steps = np.diff(values)
+    is_jump = steps[-1] > max(_LEAST_JUMP * values[-1], _MOST_STEPS * steps.min())
+    return float(values[-1]) if is_jump else np.inf
 
 
 def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> str:

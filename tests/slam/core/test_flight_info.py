@@ -96,6 +96,20 @@ def test_sonar_anomalies_are_reported():
     assert anomalies(sonar(np.r_[live, np.full(60, 0.1)]), "below its 0.25 m")
 
 
+def test_a_height_that_is_held_is_not_taken_as_a_range_without_echo():
+    rng = np.random.default_rng(0)
+    unlimited = {"max_range_m": np.inf}
+    climb = np.r_[np.linspace(0.3, 2.3, 80), np.full(520, 2.3)]
+    for range_m in (1.5 + 0.01 * rng.integers(0, 2, 600), 1.5 + rng.normal(0, 0.004, 600), climb):
+        for step_m in (0.01, 0.001):
+            quantised = part(sonar(np.round(range_m / step_m) * step_m), "sonar", **unlimited)
+            assert not anomalies(quantised, "saturated")
+    coarse = np.where(rng.random(600) < 0.5, 0.35, 0.4)
+    assert not anomalies(part(sonar(coarse), "sonar", **unlimited), "saturated")
+    without_echo = np.r_[1.5 + rng.normal(0, 0.004, 540), np.full(60, 6.0)]
+    assert anomalies(part(sonar(without_echo), "sonar", **unlimited), "10 % of the ranges are saturated")
+
+
 def test_attitude_anomalies_are_reported():
     flight = made_flight()
     angles = flight.attitude.roll_pitch_yaw_rad.copy()

@@ -50,15 +50,19 @@ class Companion:
         ``b_T_s`` (4, 4): mount of the sensor of this topic; None where it is unknown.
         """
         (stamps_ns, rows), (own_ns, own_rows) = other, own
-        return self.joined(rows, _at(stamps_ns, own_ns, self.rule.values(own_rows, b_T_s)))
+        values = self.rule.values(own_rows, b_T_s)
+        return self.joined(rows, _at(stamps_ns, own_ns, values, are_angles=self.rule.stream == "attitude0"))
 
 
-def _at(stamps_ns: Stamps, own_ns: Stamps, own: Array) -> Array:
-    """Return columns (n, c) between the readings of others; NaN in a gap, and before and after them."""
+def _at(stamps_ns: Stamps, own_ns: Stamps, own: Array, are_angles: bool) -> Array:
+    """Return columns (n, c) between the readings of others; NaN in a gap, and before and after them.
+
+    Angles [rad] may jump by a turn between readings.
+    """
     own_ns, first = np.unique(own_ns, return_index=True)
     own = own[first]
     known = np.isfinite(own).all(axis=1)
-    own_ns, own = own_ns[known], own[known]
+    own_ns, own = own_ns[known], np.unwrap(own[known], axis=0) if are_angles else own[known]
     if len(own_ns) < 2:
         return np.full((len(stamps_ns), own.shape[1]), np.nan)
     at_s, own_s = (stamps_ns - own_ns[0]) * 1e-9, (own_ns - own_ns[0]) * 1e-9

@@ -68,6 +68,24 @@ def test_a_velocity_in_the_world_is_turned_by_the_attitude(tmp_path, frame, line
     assert f"from the world's axes (uav1/{frame}) by the yaw of /attitude" in taken.reading
 
 
+def test_a_yaw_that_passes_180_degrees_is_interpolated_the_short_way(tmp_path):
+    """The vehicle heads west, and flies west between the readings of its attitude."""
+    kind = "geometry_msgs/msg/QuaternionStamped"
+    half = np.radians((178, 182, 178, 182)) / 2
+    turns = [
+        ("/attitude", at(k), M.make(kind, header=M.header(at(k), "base_link"), quaternion=quaternion))
+        for k, quaternion in enumerate(M.quaternion(np.cos(a), 0.0, 0.0, np.sin(a)) for a in half)
+    ]
+    make = lambda k: M.make(  # noqa: E731
+        "geometry_msgs/msg/TwistStamped",
+        header=M.header(at(k) + 5_000_000, "map"),
+        twist=M.twist((-5.0, 0.0, 0.0)),
+    )
+    world = [("/velocity", at(k) + 5_000_000, make(k)) for k in range(3)]
+    flight = read(ros1(tmp_path / "a.bag", [*world, *turns]))
+    assert flight.velocity.v_m_s == pytest.approx(np.tile([5.0, 0.0], (3, 1)), abs=1e-9)
+
+
 def test_a_velocity_in_the_world_without_an_attitude_is_left(tmp_path):
     imu = imus("/imu", "base_link", (0.1, 0, 0), (0, 0, 9.8))
     flight = read(ros1(tmp_path / "a.bag", [*velocities("/velocity", "odom", (1.0, 2.0, 0.0)), *imu]))
