@@ -47,12 +47,13 @@ def with_geotags(
         known = quantities_of(layout.titles) if layout is not None else set()
         if layout is not None and not is_found and known >= {*_PLACE, "picture"}:
             try:
-                photos, told = _placed(photos, folder, name, _geotags(path, layout))
+                geotags, faults = _geotags(path, layout)
             except InputError as refused:
                 remarks.append(f"{str(refused).removeprefix(f'{folder}/')}; its positions are not used")
                 continue
             is_found = True
-            remarks += told
+            photos, told = _placed(photos, folder, name, geotags)
+            remarks += [*told, *(f"{name}: {fault}" for fault in faults)]
         elif known & set(TIMES):
             remarks.append(f"{name} tells times of pictures and is not read here: give it itself, {path}")
         else:
@@ -76,18 +77,24 @@ def _layout(path: Path, folder: Path) -> Layout | None:
         return None
 
 
-def _geotags(path: Path, layout: Layout) -> _Geotags:
-    """Return the positions of a table. Raises ``InputError`` for a unit that is not known."""
+def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[str, ...]]:
+    """Return the positions of a table, and lines about its faults.
+
+    Raises ``InputError`` for a unit that is not known.
+    """
     found, _ = columns_of(path, layout.titles, layout.units, layout.line, {"altitude": "m", "alt": "m"})
     mark = decimal_mark(path, layout, found.values())
-    values = [numbers(layout, found[name], mark)[0] for name in _PLACE]
-    lacking = np.full(len(layout.rows), np.nan)
-    values.append(numbers(layout, found["altitude"], mark)[0] if "altitude" in found else lacking)
-    return {
+    read = [numbers(layout, found[name], mark) for name in (*_PLACE, "altitude") if name in found]
+    values = [column for column, _ in read]
+    if "altitude" not in found:
+        values.append(np.full(len(layout.rows), np.nan))
+    names = text_of(layout, found["picture"])
+    geotags = {
         name.casefold(): row
-        for name, row in zip(text_of(layout, found["picture"]), zip(*values, strict=True), strict=True)
+        for name, row in zip(names, zip(*values, strict=True), strict=True)
         if np.isfinite(row[:2]).all() and not position_fault(*row[:2])
     }
+    return geotags, tuple(line for _, faults in read for line in faults)
 
 
 def _placed(

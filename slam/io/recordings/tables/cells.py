@@ -31,7 +31,7 @@ def decimal_mark(path: Path, layout: Layout, columns: Iterable[Column]) -> str:
 
     Raises ``InputError`` where commas may as well separate thousands.
     """
-    cells = {each.k: _column(layout, each.k) for each in columns if each.quantity != "picture"}
+    cells = {each.k: cells_of(layout, each) for each in columns if each.quantity != "picture"}
     commas = [
         (cell, layout.lines[row])
         for column in cells.values()
@@ -50,15 +50,20 @@ def decimal_mark(path: Path, layout: Layout, columns: Iterable[Column]) -> str:
     return ","
 
 
+def cells_of(layout: Layout, column: Column) -> list[str]:
+    """Return the cells (n) of a column, empty where a row ends before it."""
+    return [row[column.k].strip() if column.k < len(row) else "" for row in layout.rows]
+
+
 def numbers(layout: Layout, column: Column, mark: str) -> tuple[Array, tuple[str, ...]]:
     """Return a column (n,) in the units of the flight format, NaN where missing; and a line about its faults.
 
     ``mark`` is the decimal mark.
     """
-    parse = _coordinate if column.quantity in ("latitude", "longitude") else _number
+    parse = _PARSERS.get(column.quantity, _number)
     values = np.full(len(layout.rows), np.nan)
     faults = []
-    for row, cell in enumerate(_column(layout, column.k)):
+    for row, cell in enumerate(cells_of(layout, column)):
         if not cell:
             continue
         try:
@@ -71,7 +76,7 @@ def numbers(layout: Layout, column: Column, mark: str) -> tuple[Array, tuple[str
 
 def text_of(layout: Layout, column: Column) -> list[str]:
     """Return the cells (n) of a column of names, with slashes between folders."""
-    return [cell.replace("\\", "/") for cell in _column(layout, column.k)]
+    return [cell.replace("\\", "/") for cell in cells_of(layout, column)]
 
 
 def _told(column: Column, faults: Sequence[tuple[str, int]], count: int) -> tuple[str, ...]:
@@ -84,11 +89,6 @@ def _told(column: Column, faults: Sequence[tuple[str, int]], count: int) -> tupl
         f"column {brief(column.title, 40)!r}: {len(faults)} of {count} cells are no numbers, first "
         f"{brief(cell, 40)!r} in line {line}; {do}",
     )
-
-
-def _column(layout: Layout, k: int) -> list[str]:
-    """Return the cells of column k."""
-    return [row[k].strip() if k < len(row) else "" for row in layout.rows]
 
 
 def _number(cell: str, mark: str) -> float:
@@ -106,3 +106,13 @@ def _coordinate(cell: str, mark: str) -> float:
     letter = (found[1] or found[3] or "N").upper()
     value = _number(found[2], mark)
     return -value if letter in "SW" else value
+
+
+def _truth(cell: str, mark: str) -> float:
+    """Return 1 for true and 0 for false, words or numbers. Raises ``ValueError``."""
+    word = cell.lower()
+    return float(word == "true") if word in ("true", "false") else _number(cell, mark)
+
+
+_PARSERS = {"latitude": _coordinate, "longitude": _coordinate, "is_video": _truth}
+"""Quantity -> how its cells are read, other than as numbers."""

@@ -56,7 +56,11 @@ class Quantity:
 
 QUANTITIES = (
     Quantity("time", TIME, ("timestamp", "stamp", "t", "#timestamp", "flighttime", "flytime", "osd.flytime")),
-    Quantity("clock", _NUMBER, ("datetime", "date_time", "utc", "utc_time", "timestamp_utc")),
+    Quantity(
+        "clock",
+        _NUMBER,
+        ("datetime", "date_time", "utc", "utc_time", "timestamp_utc", "custom.updatetime"),
+    ),
     Quantity("week", _NUMBER, ("gps_week",)),
     Quantity("time_of_week", TIME, ("tow", "gps_tow", "gps_time_of_week")),
     Quantity("picture", _NUMBER, ("filename", "file", "image", "image_name", "photo", "sourcefile", "label")),
@@ -81,7 +85,7 @@ QUANTITIES = (
     *(Quantity(f"accel_{axis}", _FORCE, (f"a_RS_S_{axis}", f"acc_{axis}")) for axis in "xyz"),
     *(Quantity(f"v_{axis}", _SPEED) for axis in "xy"),
     Quantity("voltage", _VOLTAGE, ("vbatLatest", "battery.voltage")),
-    Quantity("is_video", _NUMBER),
+    Quantity("is_video", _NUMBER, ("custom.isVideo", "camera.isVideo")),
 )
 TIMES = ("time", "clock", "time_of_week")
 """Quantities that tell the time of a row, in the order of preference."""
@@ -135,25 +139,32 @@ def columns_of(
     line: int,
     usual: Mapping[str, str] = _DECODED_UNITS,
 ) -> tuple[dict[str, Column], list[str]]:
-    """Return quantity -> its first column, and the titles of the columns of no quantity.
+    """Return quantity -> its first column of a known unit, else its first, and the titles of all others.
 
     ``units``: those of a row below the titles; ``usual``: those of names without one. Raises ``InputError``
-    for a column without a unit, or with an unknown one.
+    for a quantity without a unit, or with an unknown one, except times, which may be dates.
     """
-    found: dict[str, Column] = {}
-    unread = []
+    named: dict[str, list[Column]] = {}
     for k, title in enumerate(titles):
         name, unit = _split(title)
         quantity = _BY_NAME.get(_plain(name))
-        if quantity is None or quantity.name in found:
-            unread.append(brief(title, 60))
+        if quantity is None:
             continue
         unit = unit or (units[k] if k < len(units) else "") or usual.get(_plain(name), "")
         unit = _unit(unit, quantity)
+        if unit and not any(quantity.units) and quantity.name not in TIMES:
+            continue  # another quantity of the same name
         column = Column(quantity.name, title, k, unit, quantity.units.get(unit, np.nan))
-        if np.isnan(column.factor) and quantity.name not in TIMES:
+        named.setdefault(quantity.name, []).append(column)
+    found = {
+        name: next((each for each in columns if not np.isnan(each.factor)), columns[0])
+        for name, columns in named.items()
+    }
+    for column in found.values():
+        if np.isnan(column.factor) and column.quantity not in TIMES:
             raise unknown_unit(path, column, line)
-        found[quantity.name] = column
+    taken = {column.k for column in found.values()}
+    unread = [brief(title, 60) for k, title in enumerate(titles) if k not in taken]
     return found, unread
 
 

@@ -48,12 +48,16 @@ def layout_of(path: Path, text: str, needed: Collection[str] = TIMES) -> Layout:
         raise refusal(path, what, f"name a column {title}; columns that are read: {known_names()}")
     at, delimiter, titles = titled
     body = [(k, line) for k, line in lines[at + 1 :] if not line.lstrip().startswith("#")]
-    cells = list(_cells((line for _, line in body), delimiter))
+    try:
+        cells = list(_cells((line for _, line in body), delimiter))
+    except csv.Error as error:
+        raise refusal(path, f"is no table of readings: {error}", "write one row a line") from None
     numbers = [body[end - 1][0] for _, end in cells]
     rows = [row for row, _ in cells]
     units: tuple[str, ...] = ()
-    if rows and any(cell.strip() for cell in rows[0]) and all(is_unit(cell.strip()) for cell in rows[0]):
-        units = tuple(cell.strip() for cell in rows[0])
+    below = tuple(cell.strip(" ()[]") for cell in rows[0]) if rows else ()
+    if any(below) and all(map(is_unit, below)):
+        units = below
         rows, numbers = rows[1:], numbers[1:]
     return Layout(delimiter, titles, lines[at][0], units, rows, numbers)
 
@@ -83,10 +87,16 @@ def _titles(
 
 
 def _of_line(line: str, delimiter: str) -> list[str]:
-    """Return the titles of a line. Blanks separate titles, but no title from its unit in brackets."""
+    """Return the titles of a line, none where a cell is too long for a title.
+
+    Blanks separate titles, but no title from its unit in brackets.
+    """
     if delimiter == " ":
         return re.split(r"\s+(?![\[(])", line.lstrip("#").strip())
-    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    try:
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    except csv.Error:
+        return []
 
 
 def _cells(lines: Iterable[str], delimiter: str) -> Iterator[tuple[list[str], int]]:

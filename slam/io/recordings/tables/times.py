@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from slam.core.errors import InputError
 from slam.core.messages import Note
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import brief, refusal
-from slam.io.recordings.tables.cells import numbers
+from slam.io.recordings.tables.cells import cells_of, numbers
 from slam.io.recordings.tables.columns import TIME, TIMES, Column, unknown_unit
 from slam.io.recordings.tables.layout import Layout
 
@@ -39,9 +39,9 @@ def row_times(
     ``columns``: quantity -> column; ``mark``: the decimal mark. Raises ``InputError`` where the unit of the
     times is not told, or no time can be read.
     """
-    column = next(columns[name] for name in TIMES if name in columns)
-    cells = [row[column.k].strip() if column.k < len(row) else "" for row in layout.rows]
-    written = next((cell for cell in cells if cell), "")
+    named = [(columns[name], cells_of(layout, columns[name])) for name in TIMES if name in columns]
+    column, cells = next((each for each in named if _is_time(*each)), named[0])
+    written = _first(cells)
     notes: tuple[str, ...] = ()
     if _DATE.fullmatch(written):
         times_s = np.array([_date_s(cell) for cell in cells])
@@ -61,6 +61,18 @@ def row_times(
     lost = int((~np.isfinite(times_s)).sum())
     told = f"{counted(lost, 'row has', 'rows have')} no time; write times there if they should count"
     return times_s, (*notes, *((told,) * bool(lost)))
+
+
+def _first(cells: Sequence[str]) -> str:
+    """Return the first cell that is not empty; empty for none."""
+    return next((cell for cell in cells if cell), "")
+
+
+def _is_time(column: Column, cells: Sequence[str]) -> bool:
+    """Return whether the unit of a column or its first cell tells which times they are."""
+    written = _first(cells)
+    is_clock = _DATE.fullmatch(written) or _DAYTIME.fullmatch(written)
+    return is_clock is not None or (bool(written) and not np.isnan(column.factor))
 
 
 def _numbers(path: Path, layout: Layout, column: Column, mark: str) -> tuple[Array, tuple[str, ...]]:

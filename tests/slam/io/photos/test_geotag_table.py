@@ -43,3 +43,15 @@ def test_texts_that_are_not_read_are_named(tmp_path):
     (line,) = warned(flight, "3 files beside the photographs are not read (notes.txt, times.csv, track.gpx)")
     assert is_note(line)
     assert warned(flight, "frames.csv tells times of pictures", f"give it itself, {tmp_path}/frames.csv")
+
+
+def test_faults_of_cells_are_told(tmp_path):
+    rows = b"filename,latitude,longitude,altitude\nP0.jpg,31.5,-98.5,100 m\np1.jpg,31.6,-98.6,102 m\n"
+    flight = import_photos(fill(tmp_path, strip(2) | {"geotags.csv": rows}))
+    assert warned(flight, "geotags.csv: column 'altitude': 2 of 2 cells are no numbers, first '100 m'")
+    assert flight.gps.latitude_deg == pytest.approx([31.5, 31.6])
+
+
+def test_a_text_with_a_long_line_is_not_read(tmp_path):
+    flight = import_photos(fill(tmp_path, strip(2) | {"notes.txt": b"x" * 140_000 + b",1"}))
+    assert warned(flight, "1 file beside the photographs is not read (notes.txt)")

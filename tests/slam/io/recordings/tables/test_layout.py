@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from tests.slam.io.recordings.tables.made_table import read, table
+from slam.io.recordings.tables.layout import layout_of
+from tests.slam.io.recordings.tables.made_table import lines_with, read, table
 
 POSITIONS = [f"{k}.5,51.{k},-0.25,100" for k in range(4)]
 
@@ -66,3 +67,34 @@ def test_columns_of_betaflight(tmp_path):
     )
     assert flight.battery.value[0] == 15.9
     assert flight.barometer.value == pytest.approx([2, 2.01, 2.02, 2.03])
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "OSD.flyTime,OSD.flyTime [s],OSD.height,OSD.height [ft]",
+        "timestamp,CUSTOM.updateTime,height [furlong],height [ft]",
+        "timestamp,datetime,image [id],height [ft]",
+    ],
+)
+def test_a_column_with_a_known_unit_comes_before_one_without(tmp_path, header):
+    stamp = "{0}.0" if "flyTime" in header else "10:00:0{0}.0"
+    rows = (f"{k}m,{stamp.format(k)},7,1{k}" for k in range(4))
+    flight = read(table(tmp_path / "a.csv", header, *rows))
+    assert flight.barometer.value[:2] == pytest.approx([3.048, 3.3528])
+    assert flight.barometer.stamps_s.tolist() == [0, 1, 2, 3]
+    assert header.split(",")[2] in {source.channel for source in flight.sources}
+
+
+def test_a_row_of_units_may_have_brackets(tmp_path):
+    flight = read(
+        table(tmp_path / "a.csv", "time,lat,lon,hMSL,alt", "(s),(deg),[deg],(m),(ft)", "0,51,8,9,10")
+    )
+    assert flight.gps.altitude_m == pytest.approx([3.048])
+    assert not lines_with(flight, ["no number"])
+
+
+def test_a_text_with_a_cell_too_long_for_a_table_is_refused(tmp_path):
+    for k, lines in enumerate(("x" * 140_000 + ",1", "time [s],range [m]\n0," + "1" * 140_000)):
+        with pytest.raises(InputError, match=r"is (a|no) table of readings"):
+            layout_of(tmp_path / f"{k}.csv", lines)

@@ -38,3 +38,10 @@ def test_a_picture_outside_of_the_folder_is_refused(tmp_path):
     path = table(tmp_path / "a.csv", "time [s],filename,range [m]", "0,../a.png,1")
     with pytest.raises(InputError, match="leads out of the folder"):
         read(path)
+
+
+@pytest.mark.parametrize("label", ["/etc", "../x", "x" * 300, "x" * 300 + ".png"])
+def test_a_column_that_names_no_pictures_is_left(tmp_path, label):
+    flight = read(table(tmp_path / "a.csv", "time [s],label,range [m]", f"0,{label},1"))
+    assert flight.frames is None
+    assert len(flight.sonar.range_m) == 1

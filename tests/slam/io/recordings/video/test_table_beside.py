@@ -83,6 +83,15 @@ def test_a_record_of_a_flight_without_one_stretch_for_the_video_is_not_used(tmp_
     assert lines_with(flight, ["a.csv is not used", why, "slam import a.mp4 a.csv"])
 
 
+def test_names_and_words_of_decoded_records_tell_the_filming(tmp_path):
+    path = video(tmp_path / "a.mp4")
+    rows = (f"{k / 10},{k / 10},{100 <= k < 140}" for k in range(300))
+    table(tmp_path / "a.csv", "OSD.flyTime [s],OSD.height [m],CUSTOM.isVideo", *rows)
+    flight = read(path)
+    assert lines_with(flight, ["from 10.0 s on, belong to the video"])
+    assert not lines_with(flight, ["no number"])
+
+
 def test_a_table_that_ends_before_the_video_is_named(tmp_path):
     path = video(tmp_path / "a.mp4")
     table(tmp_path / "a.csv", "time [s],range [m]", *(f"{k / 10},1" for k in range(20)))
