@@ -38,6 +38,8 @@ TRAJECTORY_NAMES = ("dead reckoning on board", "filter", "smoothed")
 MOST_POSES = 200_000
 CONTRADICTION_FACTOR = 100.0
 """Factor on the nominal noise that counts as a contradiction. A few are usual; vibration gives thirty."""
+_IMPLAUSIBLE = 5.0
+"""Standard deviations of an offset that no working sensor has."""
 _LEAST_PAUSE_S, _LEAST_LOSS_M = 1.0, 1.0
 """Pause that filters of an instrument never cause, and uncertainty of a position that a track may do with."""
 _REPORTED_TILT_DEG, _REPORTED_SCALE = 3.0, 1e-6
@@ -83,6 +85,7 @@ def navigate(
         *_unobserved(inputs, float(position_std[-1])),
         *_lost_in_pauses(inputs, at_s, position_std),
         *_contradicted(inputs),
+        *_implausible_offsets(track.smoothed, trust),
         *contradictions,
     ]
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
@@ -262,6 +265,22 @@ def _contradicted(inputs: FilterInput) -> list[str]:
         for name, factor in inputs.adjustments.noise_factor.items()
         if factor >= CONTRADICTION_FACTOR
     ]
+
+
+def _implausible_offsets(states: States, trust: InertialTrust) -> list[str]:
+    """Return a message for each offset of the IMU that is far beyond what is assumed of one."""
+    messages = []
+    for name, words, unit, usual in (
+        ("gyro_offset", "gyro", "rad/s", trust.gyro_offset_rad_s),
+        ("accel_offset", "accelerometer", "m/s²", trust.accel_offset_m_s2),
+    ):
+        largest = float(np.abs(states.errors[name][-1]).max())
+        if largest > _IMPLAUSIBLE * usual:
+            messages.append(
+                f"the {words} and the other instruments contradict each other (it would be off by "
+                f"{largest:.2g} {unit}, {usual:g} is usual); check their axes, units and stamps"
+            )
+    return messages
 
 
 def _identified_errors(inputs: FilterInput, track: Track) -> list[str]:

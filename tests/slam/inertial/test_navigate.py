@@ -21,7 +21,7 @@ from slam.evaluation import evaluate
 from slam.evaluation.trajectory import gauge
 from slam.inertial.accuracy_basis import track_accuracy_basis
 from slam.inertial.instruments import InertialTrust
-from slam.inertial.navigate import dead_reckoning, navigate
+from slam.inertial.navigate import _implausible_offsets, dead_reckoning, navigate
 from slam.inertial.noise_identification import identify_noise
 from slam.inertial.summary import summary_record
 from slam.io.estimate import read_estimate
@@ -283,3 +283,12 @@ def test_the_accuracy_of_the_track_names_the_one_instrument_that_it_rests_on(fli
     assert "GPS receiver alone" in track_accuracy_basis(
         replace(fixes, velocity_m_s=None), InertialTrust(), 1.0
     )
+
+
+def test_offset_that_no_imu_has_is_in_the_status(navigation):
+    """A gyro that is off by 0.175 rad/s stands for another error: axes, a unit, a velocity in other axes."""
+    states, trust = navigation.track.smoothed, InertialTrust()
+    assert _implausible_offsets(states, trust) == []
+    off = {**states.errors, "gyro_offset": states.errors["gyro_offset"] + [0.0, 0.0, 0.175]}
+    (line,) = _implausible_offsets(replace(states, errors=off), trust)
+    assert line.startswith("the gyro and the other instruments contradict each other (it would be off by 0.1")
