@@ -92,6 +92,9 @@ def _with_values(
         }
         if not empty:
             return recording, chosen, content
+        # A velocity that is turned by an attitude without a value has none either.
+        attitudes = {offer: why for offer, why in empty.items() if offer.stream == "attitude0"}
+        empty = attitudes or empty
         offers = tuple(
             replace(offer, doubt=empty[offer]) if offer in empty else offer for offer in recording.offers
         )

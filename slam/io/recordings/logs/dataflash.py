@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted, either
+from slam.core.messages import Note
 from slam.io.body_axes import angles_from_aviation
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import refusal
@@ -98,7 +99,9 @@ def _fields(data: mmap.mmap, message: _Message, places: array[int]) -> dict[str,
     table = np.ascontiguousarray(rows).view(message.dtype)[:, 0]
     fields = {n: table[n] if f == 1 else table[n] * f for n, f in message.factors.items()}
     stamp_ms = _stamp_ms(message)
-    return fields | {"TimeUS": fields[stamp_ms].astype(np.int64) * _US_PER_MS} if stamp_ms else fields
+    if stamp_ms:
+        return fields | {"TimeUS": fields[stamp_ms].astype(np.int64) * _US_PER_MS}
+    return {"TimeUS": np.zeros(len(places), np.int64)} | fields
 
 
 def _stamp_ms(message: _Message) -> str:
@@ -154,13 +157,21 @@ def _range(fields: Fields) -> Converted:
 
 
 def _older_range(fields: Fields) -> Converted:
+    """The oldest logs do not state where the sensor looks."""
     range_m = column(fields, "Dist1")
+    if "Orient1" not in fields:
+        return np.where(range_m > 0, range_m, np.nan)[:, None], (_TAKEN_AS_DOWN,)
     return field_values.only_down(range_m, column(fields, "Orient1") == field_values.DOWN, range_m > 0)
 
 
-def _oldest_range(fields: Fields) -> Converted:
-    range_m = column(fields, "Dist1")
-    return np.where(range_m > 0, range_m, np.nan)[:, None], ()
+def _voltage(fields: Fields) -> Converted:
+    """Before ArduPilot 3.3 it is an integer, in hundredths of a volt."""
+    volt = column(fields, "Volt")[:, None]
+    return (volt * _CENTIVOLT if fields["Volt"].dtype.kind in "iu" else volt), ()
+
+
+_TAKEN_AS_DOWN = Note("the log does not state where the sensor looks: taken as facing down")
+_CENTIVOLT = 0.01
 
 
 _GOOD = 4
@@ -170,12 +181,11 @@ _ANGLES = "deg; yaw from north to east, pitch up to pitch down"
 RULES: tuple[FieldRule, ...] = (
     FieldRule("imu0", "IMU", _IMU_FIELDS, _imu, f"rad/s, m/s²; {_FRD}"),
     FieldRule("sonar0", "RFND", ("Dist", "Stat", "Orient"), _range, "m, facing down", range_entries),
-    FieldRule("sonar0", "RFND", ("Dist1", "Orient1"), _older_range, "m, facing down", range_entries),
-    FieldRule("sonar0", "RFND", ("Dist1",), _oldest_range, "m, taken as facing down", range_entries),
+    FieldRule("sonar0", "RFND", ("Dist1",), _older_range, "m, facing down", range_entries),
     FieldRule("attitude0", "ATT", ("Roll", "Pitch", "Yaw"), _attitude, _ANGLES),
     FieldRule("gps0", "GPS", ("Lat", "Lng", "Alt", "Status"), _gps, "deg, m above sea level", gps_entries),
-    FieldRule("battery0", "BAT", ("Volt",), field_values.single("Volt"), "V"),
-    FieldRule("battery0", "CURR", ("Volt",), field_values.single("Volt"), "V"),
+    FieldRule("battery0", "BAT", ("Volt",), _voltage, "V"),
+    FieldRule("battery0", "CURR", ("Volt",), _voltage, "V"),
     FieldRule("barometer0", "BARO", ("Alt",), field_values.single("Alt"), "m"),
 )
 """The messages of ArduPilot and what they become, in the order of preference."""
@@ -183,6 +193,8 @@ RULES: tuple[FieldRule, ...] = (
 
 _OF_USE = frozenset(rule.kind for rule in RULES) | {"RCIN", "OF", "PARM", "MSG", "GPA"}
 """Types whose fields are read; of the others only the number of messages is known."""
+_TIMELESS = frozenset(("PARM", "MSG"))
+"""Types that older logs do not stamp, and whose time does not matter."""
 
 
 def open_recording(path: Path) -> Recording:
@@ -194,7 +206,7 @@ def open_recording(path: Path) -> Recording:
         messages, places, lost = _scanned(data)
         for number, message in messages.items():
             counts[message.name] = 0 if number == _FMT else len(places.get(number, ()))
-            is_stamped = "TimeUS" in message.factors or bool(_stamp_ms(message))
+            is_stamped = "TimeUS" in message.factors or bool(_stamp_ms(message)) or message.name in _TIMELESS
             if message.name in _OF_USE and is_stamped and counts[message.name]:
                 found = _series(data, message, places[number])
                 late += counts[message.name] - sum(len(each.stamps_ns) for each in found.values())

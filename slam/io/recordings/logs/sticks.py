@@ -36,18 +36,19 @@ class _Channel:
 def stick_from_pulses(pulses_us: Mapping[int, Array], parameters: Mapping[str, float]) -> Array:
     """Return the stick (n, 4): forward, left, up, yaw from pulses in microseconds, channel 1 first.
 
-    ``parameters`` are ArduPilot's RCMAP_ROLL and so on, RCn_MIN, RCn_TRIM, RCn_MAX and RCn_REVERSED. A stick
-    to the right or to the back gives a longer pulse. Rows without a signal (0) are NaN.
+    ``parameters`` are ArduPilot's RCMAP_ROLL and so on, RCn_MIN, RCn_TRIM, RCn_MAX and RCn_REVERSED, which
+    is RCn_REV = -1 in older logs. A stick to the right or to the back gives a longer pulse. Rows
+    without a signal (0) are NaN.
     """
 
     def stick(axis: str, default: int) -> tuple[_Channel, Array]:
         number = int(parameters.get(f"RCMAP_{axis}", default))
-        defaults = {"MIN": _LOW_US, "TRIM": _MIDDLE_US, "MAX": _HIGH_US, "REVERSED": 0.0}
-        low, middle, high, is_reversed = (
+        defaults = {"MIN": _LOW_US, "TRIM": _MIDDLE_US, "MAX": _HIGH_US, "REVERSED": 0.0, "REV": 1.0}
+        low, middle, high, is_reversed, sign = (
             parameters.get(f"RC{number}_{part}", value) for part, value in defaults.items()
         )
         pulse_us = np.where(pulses_us[number] > 0, pulses_us[number], np.nan)
-        return _Channel(low, middle, high, -1.0 if is_reversed else 1.0), pulse_us
+        return _Channel(low, middle, high, -1.0 if is_reversed or sign < 0 else 1.0), pulse_us
 
     (roll, roll_us), (pitch, pitch_us) = stick("ROLL", 1), stick("PITCH", 2)
     (throttle, throttle_us), (yaw, yaw_us) = stick("THROTTLE", 3), stick("YAW", 4)

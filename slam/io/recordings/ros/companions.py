@@ -72,17 +72,22 @@ def _at(stamps_ns: Stamps, own_ns: Stamps, own: Array, are_angles: bool) -> Arra
     return np.where(in_gap[:, None], np.nan, found)
 
 
-def companion_of(bag: OpenBag, rule: RosRule, topic: str) -> Companion | None:
-    """Return what a topic has to be read with; None for one that is complete, or without such a topic."""
+def companion_of(
+    bag: OpenBag, rule: RosRule, topic: str, attitude: tuple[str, RosRule] | None = None
+) -> Companion | None:
+    """Return what a topic has to be read with; None for one that is complete, or without such a topic.
+
+    ``attitude`` is the topic chosen as the attitude of the vehicle; None for the one that gives it best.
+    """
     if rule.kind == IMU and rule.stream == "imu0" and (accel := _other_half(bag, topic, "gyro", "accel")):
         return Companion(accel, rule, f"the accelerometer is that of {accel}", _with_accel)
     frame = _frame(bag, rule, topic)
     if rule.stream != "velocity0" or rule.kind == ODOMETRY or not is_world(frame):
         return None
-    attitude = _attitude(bag)
+    attitude = attitude or _attitude(bag)
     if attitude is None:
         return None
-    sentence = f"from the world's axes ({brief(frame, 40)}) by the yaw of {attitude[0]}"
+    sentence = f"from the world's axes ({brief(frame, 40)}) by the yaw of attitude0"
     return Companion(*attitude, sentence, _turned_from_ned if is_north_east_down(frame) else _turned)
 
 
@@ -108,15 +113,25 @@ def _other_half(bag: OpenBag, topic: str, has: str, lacks: str) -> str:
     return "" if any(np.nan_to_num([half.x, half.y, half.z])) else other
 
 
+def _is_accelerometer(bag: OpenBag, topic: str) -> bool:
+    """Return whether an IMU is a half with accelerometer only, by its name and its first message."""
+    first = bag.first.get(topic)
+    if first is None or "accel" not in topic.lower():
+        return False
+    turns = first.angular_velocity
+    return not any(np.nan_to_num([turns.x, turns.y, turns.z]))
+
+
 def _attitude(bag: OpenBag) -> tuple[str, RosRule] | None:
     """Return the topic that gives the attitude of the vehicle best, and its rule; None without one."""
-    for rule in RULES:
-        if rule.stream != "attitude0":
-            continue
-        for topic, _, rows in bag.topics(rule.kind):
-            if rows and gives_values(bag, rule, topic) and not doubt_of(bag, rule, topic):
-                return topic, rule
-    return None
+    able = [
+        (topic, rule)
+        for rule in RULES
+        if rule.stream == "attitude0"
+        for topic, _, rows in bag.topics(rule.kind)
+        if rows and gives_values(bag, rule, topic) and not doubt_of(bag, rule, topic)
+    ]
+    return min(able, key=lambda each: is_indirect(bag, each[1], each[0]), default=None)
 
 
 def gives_values(bag: OpenBag, rule: RosRule, topic: str) -> bool:
@@ -135,7 +150,7 @@ def _frame(bag: OpenBag, rule: RosRule, topic: str) -> str:
 def is_indirect(bag: OpenBag, rule: RosRule, topic: str) -> bool:
     """Return whether the axes of the values are turned by another topic, or assumed to be the body's."""
     frame = _frame(bag, rule, topic)
-    if rule.kind == IMU:
+    if rule.kind in (IMU, ODOMETRY):
         return bag.mount_of(topic) is None and not is_body(frame)
     return rule.stream == "velocity0" and is_world(frame)
 
@@ -153,6 +168,8 @@ def doubt_of(bag: OpenBag, rule: RosRule, topic: str) -> str:
         return f"its frame {brief(frame, 40)!r} has the axes of a camera, and no transform to the body"
     if rule.stream == "imu0" and rule.kind == IMU and (gyro := _other_half(bag, topic, "accel", "gyro")):
         return f"it has no gyro, and is read with {gyro}"
+    if rule.stream == "imu0" and rule.kind == IMU and _is_accelerometer(bag, topic):
+        return "it has no gyro by its name, and its turns are 0"
     is_turned = rule.stream == "velocity0" and rule.kind != ODOMETRY and is_world(frame)
     if is_turned and _attitude(bag) is None:
         return f"in the world's axes ({brief(frame, 40)}), and there is no attitude to turn it by"

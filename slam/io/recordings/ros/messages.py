@@ -55,21 +55,25 @@ class RosRule:
     remarks: Callable[[Array], tuple[str, ...]] = lambda rows: ()
     """Return a line for everything that is dropped or assumed, from all rows."""
     vectors: tuple[slice, ...] = ()
-    """Columns of each vector that a driver leaves 0 where it measures none."""
+    """Columns of each vector without which a row has no values."""
+    never_zero: slice | None = None
+    """Columns of a vector that a driver leaves 0 where it does not measure it."""
     frame: Callable[[Message], str] = lambda message: str(message.header.frame_id)
     """Return the frame whose axes the values have, of a message with a header."""
 
-    def measured(self, rows: Array) -> Array:
-        """Return the rows; NaN where one of the vectors is missing throughout.
+    def why_missing(self, rows: Array) -> str:
+        """Return why the rows (n, c) have no values: a vector is missing throughout; empty if they have some.
 
-        So is one that is exactly 0 while the other values vary: a simulator's vehicle at rest has such zeros.
+        A vector is missing if it is exactly 0 while other values vary. In a simulator, it is 0 at rest.
         """
-        for columns in self.vectors:
-            values, others = rows[:, columns], np.delete(rows, columns, axis=1)
-            is_zero = not values.any() and bool((others != others[:1]).any())
-            if is_zero or not np.isfinite(values).any():
-                return np.full_like(rows, np.nan)
-        return rows
+        if any(not np.isfinite(rows[:, columns]).any() for columns in self.vectors):
+            return "its driver states throughout that it does not measure a vector"
+        if self.never_zero is None or rows[:, self.never_zero].any():
+            return ""
+        others = np.delete(rows, self.never_zero, axis=1)
+        if (others == others[:1]).all():
+            return ""
+        return "its driver leaves a vector 0 throughout, which it does not measure"
 
     def fits(self, message: Message) -> bool:
         """Return whether a message has the fields of the rule: a type may have several versions."""
@@ -158,7 +162,9 @@ def level_velocity(rows: Array, b_T_s: Array | None) -> Array:
 
 def _odometry(m: Message) -> tuple[float, ...]:
     turned = float(is_world(m.child_frame_id))
-    return *_quaternion(m.pose.pose.orientation), *_vector(m.twist.twist.linear), turned
+    pose = m.pose.pose
+    # A twist of 0 is none where the position changes.
+    return *_quaternion(pose.orientation), *_vector(m.twist.twist.linear), turned, *_vector(pose.position)
 
 
 def _frame_of_twist(m: Message) -> str:
@@ -175,14 +181,14 @@ def heading_axes(w_v: Array, yaw_rad: Array) -> Array:
 def _heading_velocity(rows: Array, b_T_s: Array | None) -> Array:
     """Return level velocities, without yaw, from attitude quaternions and velocities.
 
-    The velocities are in body axes, or in those of the world where the last column is not 0.
+    The velocities are in body axes, or in those of the world where column 7 is not 0.
     """
     angles = angles_from_quaternion(rows[:, :4])
     of_world = heading_axes(rows[:, 4:7], angles[:, 2])
     level_R_b = rotation_of(np.nan_to_num(angles * (1.0, 1.0, 0.0)))
     of_body = np.einsum("nij,nj->ni", level_R_b, rows[:, 4:7])[:, :2]
     known = np.isfinite(angles).all(axis=1, keepdims=True)
-    return np.where(known, np.where(rows[:, 7:] != 0, of_world, of_body), np.nan)
+    return np.where(known, np.where(rows[:, 7:8] != 0, of_world, of_body), np.nan)
 
 
 def _pose(m: Message) -> tuple[float, ...]:
@@ -246,7 +252,16 @@ RANGE_KINDS = ("sensor_msgs/msg/Range", LASER_SCAN)
 _NAVDATA = "ardrone_autonomy/msg/Navdata"
 _GEOMETRY = "geometry_msgs/msg/"
 STANDARD_RULES: tuple[RosRule, ...] = (
-    RosRule("imu0", IMU, _imu, _same, "rad/s, m/s²", is_mounted=True, vectors=(slice(0, 3), slice(3, 6))),
+    RosRule(
+        "imu0",
+        IMU,
+        _imu,
+        _same,
+        "rad/s, m/s²",
+        is_mounted=True,
+        vectors=(slice(0, 3), slice(3, 6)),
+        never_zero=slice(3, 6),
+    ),
     RosRule(
         "sonar0", "sensor_msgs/msg/Range", _range, ranges_within, "m along x", _range_limits, is_mounted=True
     ),
@@ -264,6 +279,7 @@ STANDARD_RULES: tuple[RosRule, ...] = (
         _heading_velocity,
         _LEVELLED,
         vectors=(slice(4, 7),),
+        never_zero=slice(4, 7),
         frame=_frame_of_twist,
     ),
     RosRule("velocity0", _NAVDATA, lambda m: (m.vx, m.vy), _from_millimetres, "mm/s to m/s"),

@@ -166,10 +166,11 @@ def _series_offers(bag: OpenBag) -> Iterator[Offer]:
 
 def _read(bag: OpenBag, chosen: Sequence[Offer], progress: Progress) -> Content:
     """Read all chosen topics, and those that they are read with, in one pass."""
+    attitude = next(((each.channel, _rule(each)) for each in chosen if each.stream == "attitude0"), None)
     companions = {
         offer.stream: companion
         for offer in chosen
-        if offer.stream != "cam0" and (companion := companion_of(bag, _rule(offer), offer.channel))
+        if offer.stream != "cam0" and (companion := companion_of(bag, _rule(offer), offer.channel, attitude))
     }
     series = {offer.stream: TopicSeries(None if offer.stream == "cam0" else _rule(offer)) for offer in chosen}
     series |= {companion.topic: TopicSeries(companion.rule) for companion in companions.values()}
@@ -262,15 +263,19 @@ def _readings(
     rule = series.rule
     assert rule is not None
     stamps_ns, rows = series.table()
+    notes: list[str] = []
     if companion is not None:
         own = all_series[companion.topic].table()
         rows = companion.complete((stamps_ns, rows), own, bag.mount_of(companion.topic))
-    told, rows = rows, rule.measured(rows)
+        if companion.rule.stream == "attitude0" and "attitude0" not in all_series:
+            notes.append(f"turned by the yaw of {companion.topic}, which is left out as attitude0")
+    if why := rule.why_missing(rows):
+        rows = np.full_like(rows, np.nan)
     mount = bag.mount_of(offer.channel)
     nominal: dict[str, Value] = {}
-    notes = [*series.notes(), *rule.remarks(rows)]
-    if rows is not told:
-        notes.append("its driver leaves a vector 0 throughout, which it does not measure")
+    notes += [*series.notes(), *rule.remarks(rows)]
+    if why:
+        notes.append(why)
     if len(rows):
         nominal |= rule.nominal(rows)
     if rule.is_mounted and mount is not None:

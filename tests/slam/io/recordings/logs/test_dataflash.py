@@ -104,6 +104,26 @@ def test_ranges_of_older_logs_are_in_hundredths(tmp_path):
     assert flight.sonar.range_m.tolist() == [2.5]
 
 
+def test_an_older_range_sensor_that_looks_ahead_is_no_height(tmp_path):
+    rows = [(1_000_000 + k, 500, 0) for k in range(3)]
+    flight = read(log(tmp_path / "a.bin", {"RFND": ("QCB", "TimeUS,Dist1,Orient1", rows)}))
+    assert flight.sonar is None
+    assert any("sensors that do not look down" in line for line in flight.warnings)
+
+
+def test_parameters_and_voltages_of_old_logs(tmp_path):
+    """Parameters have no stamp, -1 reverses a channel, and voltages are hundredths."""
+    sticks = ("IHHHH", "TimeMS,C1,C2,C3,C4", [(1000, 1700, 1500, 1100, 1500)])
+    messages = {
+        "PARM": ("Nf", "Name,Value", [(b"RC1_REV", -1.0), (b"RC2_REV", 1.0)]),
+        "CURR": ("Ih", "TimeMS,Volt", [(1000, 1150)]),
+        "RCIN": sticks,
+    }
+    flight = read(log(tmp_path / "a.bin", messages))
+    assert flight.battery.value == pytest.approx([11.5])
+    assert flight.command.stick[0] == pytest.approx([0.0, 0.5, -1.0, 0.0])
+
+
 def test_ranges_of_the_oldest_logs_have_no_orientation(tmp_path):
     flight = read(log(tmp_path / "a.bin", {"RFND": ("QCC", "TimeUS,Dist1,Dist2", [(1_000_000, 250, 0)])}))
     assert flight.sonar.range_m.tolist() == [2.5]

@@ -65,7 +65,7 @@ def test_a_velocity_in_the_world_is_turned_by_the_attitude(tmp_path, frame, line
     flight = read(ros1(tmp_path / "a.bag", [*world, *attitudes()]))
     assert flight.velocity.v_m_s[1] == pytest.approx([2.0, 0.5]), "the nose points north"
     taken = next(s for s in flight.sources if s.stream == "velocity0")
-    assert f"from the world's axes (uav1/{frame}) by the yaw of /attitude" in taken.reading
+    assert f"from the world's axes (uav1/{frame}) by the yaw of attitude0" in taken.reading
 
 
 def test_a_yaw_that_passes_180_degrees_is_interpolated_the_short_way(tmp_path):
@@ -84,6 +84,32 @@ def test_a_yaw_that_passes_180_degrees_is_interpolated_the_short_way(tmp_path):
     world = [("/velocity", at(k) + 5_000_000, make(k)) for k in range(3)]
     flight = read(ros1(tmp_path / "a.bag", [*world, *turns]))
     assert flight.velocity.v_m_s == pytest.approx(np.tile([5.0, 0.0], (3, 1)), abs=1e-9)
+
+
+def test_a_velocity_is_turned_by_the_attitude_that_is_taken(tmp_path):
+    """The IMU states a quaternion of zeros, and leaves its place to the odometry."""
+    imu = imus("/imu", "base_link", (0.1, 0, 0), (0, 0, 9.8), (0.0, 0.0, 0.0, 0.0))
+    make = lambda header, k: replace(M.odometry(header, NORTH, (1.0, 0, 0)), child_frame_id="")  # noqa: E731
+    world = velocities("/velocity", "map", (-0.5, 2.0, 0.0))
+    odometry = series("/odom", "map", make)
+    east = [("/east", *message) for _, *message in attitudes((1.0, 0.0, 0.0, 0.0))]
+    flight = read(ros1(tmp_path / "a.bag", [*imu, *odometry, *world]))
+    assert next(s.channel for s in flight.sources if s.stream == "attitude0") == "/odom"
+    assert next(s.channel for s in flight.sources if s.stream == "velocity0") == "/velocity"
+    assert flight.velocity.v_m_s[1] == pytest.approx([2.0, 0.5])
+    both = ros1(tmp_path / "b.bag", [*odometry, *world, *east])
+    flight = read(both, attitude0="/east", velocity0="/velocity")
+    assert flight.velocity.v_m_s[1] == pytest.approx([-0.5, 2.0])
+    flight = read(both, attitude0="/odom", velocity0="/velocity")
+    assert flight.velocity.v_m_s[1] == pytest.approx([2.0, 0.5])
+    without = read(both, attitude0="", velocity0="/velocity")
+    assert any("turned by the yaw of /east, which is left out" in line for line in without.warnings)
+
+
+def test_an_imu_comes_before_an_odometry_of_the_same_assumption(tmp_path):
+    imu = imus("/imu", "imu_link", (0.1, 0, 0), (0, 0, 9.8), NORTH)
+    flight = read(ros1(tmp_path / "a.bag", [*odometries("/vio", "", (1.0, 0.0, 0.0)), *imu]))
+    assert next(s.channel for s in flight.sources if s.stream == "attitude0") == "/imu"
 
 
 def test_a_velocity_in_the_world_without_an_attitude_is_left(tmp_path):
@@ -121,6 +147,32 @@ def test_odometry_without_a_velocity_leaves_its_place_to_the_next(tmp_path):
     assert alone.velocity is None
     assert any("velocity0: no message has a value" in line for line in alone.warnings)
     assert any("0 throughout" in line for line in alone.warnings)
+
+
+def test_a_gyro_that_reads_0_at_rest_is_one(tmp_path):
+    flight = read(ros1(tmp_path / "a.bag", imus("/imu", "base_link", (0.0, 0.0, 0.0), (0.5, 0.0, 9.8))))
+    assert flight.imu.gyro_rad_s.tolist() == [[0.0, 0.0, 0.0]] * COUNT
+
+
+def test_a_stated_lack_of_an_accelerometer_is_not_called_zero(tmp_path):
+    unknown = np.array([-1.0, *[0.0] * 8])
+    made = imus("/imu", "base_link", (0.1, 0.2, 0.3), (0.5, 0.0, 9.8), NORTH)
+    stated = [(*each, replace(m, linear_acceleration_covariance=unknown)) for *each, m in made]
+    flight = read(ros1(tmp_path / "a.bag", stated))
+    assert flight.imu is None
+    assert not any("0 throughout" in line for line in flight.warnings)
+    assert any("states throughout that it does not measure" in line for line in flight.warnings)
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_twist_of_zero_is_none_where_the_position_changes(tmp_path, moves):
+    def make(header, k: int):
+        message = M.odometry(header, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        pose = replace(message.pose.pose, position=M.vector(0.1 * k * moves, 0.0, 0.0, kind="Point"))
+        return replace(message, pose=replace(message.pose, pose=pose))
+
+    flight = read(ros1(tmp_path / "a.bag", series("/odometry", "odom", make)))
+    assert (flight.velocity is None) == moves
 
 
 def test_odometry_with_its_twist_in_the_world_is_turned_by_its_pose(tmp_path):
