@@ -29,11 +29,13 @@ def body_from_frd(frd_v: Array) -> Array:
 
 
 def angles_from_aviation(roll_pitch_heading_rad: Array) -> Array:
-    """Return roll, pitch, yaw (n, 3) of a flight from an autopilot's roll, pitch, heading in radians."""
-    n_R_frd = rotation_of(roll_pitch_heading_rad)
-    return _with_missing(
-        W_R_N @ n_R_frd @ FRD_R_B, np.asarray(np.isfinite(roll_pitch_heading_rad).all(axis=1))
-    )
+    """Return roll, pitch, yaw (n, 3) of a flight from an autopilot's roll, pitch, heading in radians.
+
+    Rows that lack an angle are NaN.
+    """
+    known = np.asarray(np.isfinite(roll_pitch_heading_rad).all(axis=1))
+    n_R_frd = rotation_of(np.where(known[:, None], roll_pitch_heading_rad, 0.0))
+    return _with_missing(W_R_N @ n_R_frd @ FRD_R_B, known)
 
 
 def angles_from_ned_quaternion(n_q_frd: Array) -> Array:

@@ -88,5 +88,6 @@ def _check(recording: Recording, stream: str, channel: str) -> None:
 
 
 def _found(recording: Recording) -> str:
-    kinds = [f"{name} ({recording.unread.get(name, kind)})" for name, kind, rows in recording.others if rows]
+    kinds = [f"{each.channel} ({each.doubt})" for each in recording.offers if each.rows and each.doubt]
+    kinds += [f"{name} ({recording.unread.get(name, kind)})" for name, kind, rows in recording.others if rows]
     return listed(kinds, _MAX_LISTED) or "nothing"

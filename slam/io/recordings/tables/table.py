@@ -7,7 +7,7 @@ A column is found by its name and converted from its unit, written ``roll [deg]`
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +40,7 @@ _MAX_BYTES = 1 << 28
 _TITLE_BYTES = 1 << 16
 """Bytes that hold the titles of a table, and the settings that some loggers write above them."""
 _DEG = np.pi / 180
+_GIMBAL = ("gimbal_heading", "gimbal_pitch", "gimbal_roll")
 _LARGEST_DEGREES_MINUTES = 18_060.0
 """Largest number of degrees and minutes that NMEA writes as one: 180 degrees and 60 minutes."""
 
@@ -93,7 +94,7 @@ def _aviation(fields: Fields) -> Converted:
 
 
 def _gimbal(fields: Fields) -> Converted:
-    degrees = columns(fields, "gimbal_heading", "gimbal_pitch", "gimbal_roll") / _DEG
+    degrees = columns(fields, *_GIMBAL) / _DEG
     known = np.isfinite(degrees).all(axis=1)
     values = np.full(degrees.shape, np.nan)
     if known.any():
@@ -105,14 +106,23 @@ def _as_is(stream: str, reading: str, *names: str) -> FieldRule:
     return FieldRule(stream, KIND, names, lambda fields: (columns(fields, *names), ()), reading)
 
 
+def _has_gimbal(fields: Fields) -> bool:
+    """Return whether any row has the angles of the gimbal, which are preferred."""
+    is_there = set(_GIMBAL) <= fields.keys()
+    return is_there and bool(np.isfinite(columns(fields, *_GIMBAL)).all(axis=1).any())
+
+
 _IMU = tuple(f"{kind}_{axis}" for kind in ("gyro", "accel") for axis in "xyz")
+_FROM_EAST = _as_is(
+    "attitude0", "as in a flight folder: yaw from east to north, pitch down", "roll", "pitch", "yaw"
+)
 RULES: tuple[FieldRule, ...] = (
     _as_is("imu0", "body axes forward, left, up", *_IMU),
     _as_is("sonar0", "along the line of sight, down", "range"),
     FieldRule(
         "attitude0",
         KIND,
-        ("gimbal_heading", "gimbal_pitch", "gimbal_roll"),
+        _GIMBAL,
         _gimbal,
         "gimbal; heading clockwise from north, pitch -90 degrees straight down",
         lambda fields: {"noise_std": [repr(v * _DEG) for v in GIMBAL_STD_DEG], "assumed": ["noise_std"]},
@@ -120,7 +130,7 @@ RULES: tuple[FieldRule, ...] = (
     FieldRule(
         "attitude0", KIND, ("roll", "pitch", "heading"), _aviation, "heading clockwise from north, pitch up"
     ),
-    _as_is("attitude0", "as in a flight folder: yaw from east to north, pitch down", "roll", "pitch", "yaw"),
+    _FROM_EAST,
     _as_is("velocity0", "forward and left, level", "v_x", "v_y"),
     FieldRule("battery0", KIND, ("voltage",), single("voltage"), "V"),
     FieldRule("gps0", KIND, ("latitude", "longitude"), _position, "deg, m"),
@@ -140,6 +150,8 @@ class Table:
     notes: tuple[str, ...]
     pictures: tuple[str, ...] = ()
     """Name of the picture of each reading, from the folder of the table; empty without a column of them."""
+    yaw_doubt: str = ""
+    """Why ``roll``, ``pitch`` and ``yaw`` are not read without a request; empty for none."""
 
 
 def open_recording(path: Path) -> Recording:
@@ -157,7 +169,10 @@ def check_titles(path: Path) -> None:
 
 def recording_of(path: Path, table: Table) -> Recording:
     """Return the recording of a table."""
-    return field_recording(path, DESCRIPTION, {path.name: table.series}, RULES, table.notes, {}, table.unread)
+    rules = [
+        replace(rule, doubt=lambda series: table.yaw_doubt) if rule is _FROM_EAST else rule for rule in RULES
+    ]
+    return field_recording(path, DESCRIPTION, {path.name: table.series}, rules, table.notes, {}, table.unread)
 
 
 def read_table(path: Path) -> Table:
@@ -174,17 +189,19 @@ def read_table(path: Path) -> Table:
         values, faults = numbers(layout, column, mark)
         fields = {**fields, column.quantity: values[known]}
         lines += faults
+    doubt = ""
     if "yaw_from_east" in fields:
         fields = {**fields, "yaw": fields["yaw_from_east"]}
     elif {"roll", "pitch", "yaw"} <= fields.keys() and "heading" not in fields:
-        fields, remarks = with_sense(path, found["yaw"], fields, layout.line)
-        lines += remarks
+        sense = with_sense(found["yaw"], fields)
+        fields, doubt = sense.fields, sense.doubt
+        lines += sense.lines * (not _has_gimbal(fields))
     stamps_ns = np.round(times_s[known] * 1e9).astype(np.int64)
     left = tuple((title, "column", len(stamps_ns)) for title in unread)
     notes += [same_kind(line, f"{path.name}: {line}") for line in lines]
     pictures = text_of(layout, found["picture"]) if "picture" in found else []
     names = tuple(name for name, has_time in zip(pictures, known, strict=bool(pictures)) if has_time)
-    return Table(FieldSeries(KIND, stamps_ns, fields), left, tuple(notes), names)
+    return Table(FieldSeries(KIND, stamps_ns, fields), left, tuple(notes), names, doubt)
 
 
 def _text_of(path: Path) -> tuple[str, list[str]]:

@@ -6,7 +6,7 @@ over the ground by its positions. Source of the conversion: `slam.io.body_axes`.
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.messages import Note
-from slam.io.files import brief, refusal
+from slam.io.files import brief
 from slam.io.recordings.logs.field_values import Fields, column, columns
 from slam.io.recordings.tables.columns import Column
 
@@ -28,27 +28,33 @@ _LEAST_STEP_M = 3 * Gps.noise_std_m[0]
 _ADVICE = "name it heading if it is clockwise from north, yaw_from_east if counter-clockwise from east"
 
 
-def with_sense(path: Path, yaw: Column, fields: Fields, line: int) -> tuple[Fields, tuple[str, ...]]:
-    """Return the fields with ``heading`` in place of a ``yaw`` clockwise from north, and a line about it.
+@dataclass(frozen=True)
+class YawSense:
+    """The fields of a table whose yaw has a known sense, or the doubt about it."""
 
-    ``fields`` hold ``time`` in seconds and ``yaw`` in radians, each (n,). Raises ``InputError`` where nothing
-    tells the sense of a yaw that may be that of a compass: beyond half a turn, or in degrees and never
-    negative.
+    fields: Fields
+    lines: tuple[str, ...] = ()
+    """Messages that tell the sense and what tells it, or which one is taken."""
+    doubt: str = ""
+    """Why the yaw is not read without a request; empty for none."""
+
+
+def with_sense(yaw: Column, fields: Fields) -> YawSense:
+    """Return the fields with ``heading`` in place of a ``yaw`` clockwise from north.
+
+    ``fields`` hold ``time`` in seconds and ``yaw`` in radians, each (n,). A yaw that may be that of a compass
+    is doubted where nothing tells its sense: one beyond half a turn, or in degrees and never negative.
     """
     title = f"column {brief(yaw.title, 40)!r}"
-    told = {
-        by: sense
-        for by, sense in (("the gyro", _by_gyro(fields)), ("velocity and positions", _by_track(fields)))
-        if sense
-    }
+    told = {by: sense for by, sense in (("the gyro", _by_gyro(fields)), _by_track(fields)) if sense}
     senses = set(told.values())
     by = " and ".join(told)
     if senses == {"clockwise"}:
         others = {name: values for name, values in fields.items() if name != "yaw"}
         note = Note(f"{title} is clockwise from north by {by}; read as heading, with pitch up")
-        return {**others, "heading": fields["yaw"]}, (note,)
+        return YawSense({**others, "heading": fields["yaw"]}, (note,))
     if senses == {"counter-clockwise"}:
-        return fields, (Note(f"{title} is counter-clockwise from east by {by}"),)
+        return YawSense(fields, (Note(f"{title} is counter-clockwise from east by {by}"),))
     why = "the gyro and the positions contradict each other" if senses else "no other column tells its sense"
     lowest, highest = (
         np.nanmin(column(fields, "yaw"), initial=np.inf),
@@ -56,10 +62,11 @@ def with_sense(path: Path, yaw: Column, fields: Fields, line: int) -> tuple[Fiel
     )
     if highest > np.pi or (yaw.unit == "deg" and lowest >= 0 and highest > 0):
         what = f"{title} is {np.degrees(lowest):.0f} to {np.degrees(highest):.0f} degrees, and {why}"
-        raise refusal(path, what, _ADVICE, line)
+        doubt = f"{what}; {_ADVICE}"
+        return YawSense(fields, (f"attitude0 is taken on request only: {doubt}",), doubt)
     if yaw.unit == "rad":
-        return fields, ()  # as in a flight folder
-    return fields, (f"{title} is taken counter-clockwise from east; {why}; {_ADVICE}",)
+        return YawSense(fields)  # as in a flight folder
+    return YawSense(fields, (f"{title} is taken counter-clockwise from east; {why}; {_ADVICE}",))
 
 
 def _by_gyro(fields: Fields) -> str:
@@ -67,26 +74,40 @@ def _by_gyro(fields: Fields) -> str:
     if "gyro_z" not in fields:
         return ""
     up = np.sign(np.nanmedian(column(fields, "accel_z"))) if "accel_z" in fields else 1.0
-    rows = columns(fields, "time", "yaw", "gyro_z")
-    time_s, yaw, rate = rows[np.isfinite(rows).all(axis=1)].T
-    if len(time_s) < 2:
+    rate_s, rate = _known(fields, "gyro_z")
+    yaw_s, yaw = _known(fields, "yaw")
+    if len(rate) < 2:
         return ""
-    turned = np.diff(np.unwrap(yaw))
-    predicted = up * (rate[1:] + rate[:-1]) / 2 * np.diff(time_s)
+    # A slower attitude is held, or empty, in the rows between its readings.
+    is_new = np.diff(yaw, prepend=np.nan) != 0
+    turned = np.diff(np.unwrap(yaw[is_new]))
+    angle = cumulative_trapezoid(up * rate, rate_s, initial=0)
+    predicted = np.diff(np.interp(yaw_s[is_new], rate_s, angle))
     return _sense(turned, predicted, -predicted)
 
 
-def _by_track(fields: Fields) -> str:
-    """Return the sense of yaw by the positions: the path of the velocity, or flight straight ahead."""
+def _known(fields: Fields, name: str) -> tuple[Array, Array]:
+    """Return times and values of the rows that have one, in the order of time."""
+    rows = columns(fields, "time", name)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    time_s, values = rows[np.argsort(rows[:, 0], kind="stable")].T
+    return time_s, values
+
+
+def _by_track(fields: Fields) -> tuple[str, str]:
+    """Return what tells the sense of yaw by the positions, and the sense, empty where it does not.
+
+    That is the path of the velocity, else flight straight ahead.
+    """
     if not {"latitude", "longitude"} <= fields.keys():
-        return ""
+        return "", ""
     has_velocity = {"v_x", "v_y"} <= fields.keys()
     names = ("time", "yaw", "latitude", "longitude", *(("v_x", "v_y") if has_velocity else ()))
     rows = columns(fields, *names)
     known = np.isfinite(rows).all(axis=1) & rows[:, 2:4].any(axis=1)  # 0, 0 is no fix
     rows = rows[known]
     if len(rows) < 2:
-        return ""
+        return "", ""
     time_s, yaw, latitude, longitude = rows[:, :4].T
     east_per_degree = metres_per_degree_east(float(np.median(latitude)))
     place = (longitude - longitude[0]) * east_per_degree + 1j * (latitude - latitude[0]) * METRES_PER_DEGREE
@@ -94,11 +115,16 @@ def _by_track(fields: Fields) -> str:
     if has_velocity:
         ahead = rows[:, 4] + 1j * rows[:, 5]
         paths = [cumulative_trapezoid(ahead * turn, time_s, initial=0) for turn in turns]
-        return _sense(*(path - path.mean() for path in (place, *paths)))
+        sense = _sense(*(path - path.mean() for path in (place, *paths)))
+        return "velocity and positions", sense
     kept = _apart(place, _LEAST_STEP_M)
     step = np.diff(place[kept])
     courses = [np.add.reduceat(turn, kept)[:-1] / np.diff(kept) for turn in turns]
-    return _sense(step, *(np.abs(step) * course for course in courses))
+    # A vehicle that keeps its course may fly sideways: only turns of the course tell a sense.
+    length = np.abs(step)
+    straight = length * (length * step).sum() / max((length**2).sum(), _LEAST_STEP_M**2)
+    sense = _sense(*(path - straight for path in (step, *(length * course for course in courses))))
+    return "positions, if it flies straight ahead", sense
 
 
 def _apart(place: NDArray[np.complex128], least_m: float) -> NDArray[np.int64]:

@@ -79,5 +79,42 @@ def test_positions_that_contradict_the_gyro_decide_nothing(tmp_path):
     turn = {"gyro_z__rad/s": 0 * TIME_S + np.radians(8)}
     speed = {"v_x__m/s": 0 * TIME_S + 2, "v_y__m/s": 0 * TIME_S}
     mirrored = {"latitude": 2 * 47 - track()["latitude"], "longitude": track()["longitude"]}
-    with pytest.raises(InputError, match="the gyro and the positions contradict each other"):
-        read(written(tmp_path / "a.csv", np.degrees(-YAW) % 360, **mirrored, **turn, **speed))
+    path = written(tmp_path / "a.csv", np.degrees(-YAW) % 360, **mirrored, **turn, **speed)
+    flight = read(path)
+    assert flight.attitude is None
+    assert lines_with(
+        flight, ["attitude0 is taken on request", "gyro and the positions contradict each other"]
+    )
+    assert read(path, attitude0="a.csv").attitude is not None
+
+
+def test_a_yaw_that_nobody_reads_is_not_judged(tmp_path):
+    angles_deg = {"heading": 0, "pitch": -90, "roll": 0}
+    gimbal = {f"gimbal_{name}__deg": 0 * TIME_S + value for name, value in angles_deg.items()}
+    flight = read(written(tmp_path / "a.csv", HEADING_DEG, **gimbal))
+    assert np.degrees(flight.attitude.roll_pitch_yaw_rad[0]) == pytest.approx([0, 0, 90], abs=1e-9)
+    assert not lines_with(flight, ["yaw [deg]"])
+
+
+@pytest.mark.parametrize("yaw_deg", [0, 90])
+def test_a_straight_leg_that_may_be_flown_sideways_tells_nothing(tmp_path, yaw_deg):
+    north = np.cumsum(0 * TIME_S + 0.4) + np.random.default_rng(2).normal(0, 0.3, len(TIME_S))
+    place = {"latitude": 47 + north / 111_200, "longitude": 0 * TIME_S + 8}
+    noise = np.random.default_rng(3).normal(0, 1, len(TIME_S))
+    flight = read(written(tmp_path / "a.csv", (yaw_deg + noise + 180) % 360 - 180, **place))
+    assert not lines_with(flight, ["by positions"])
+    assert lines_with(flight, ["no other column tells its sense"]) or flight.attitude is None
+
+
+@pytest.mark.parametrize("is_held", [True, False])
+def test_a_slow_yaw_among_rows_of_a_fast_gyro_is_judged_by_its_changes(tmp_path, is_held):
+    time_s = np.arange(0, 10, 0.005)
+    heading_deg = 300 - 8 * time_s + 3 * np.sin(time_s)
+    rate = np.radians(8 - 3 * np.cos(time_s))
+    rows = []
+    for k, each in enumerate(time_s):
+        heading = f"{heading_deg[k - k % 20]:.4f}" if is_held or k % 20 == 0 else ""
+        rows.append(f"{each:.3f},0,0,{heading},{rate[k]:.6f}")
+    header = "time [s],roll [deg],pitch [deg],yaw [deg],gyro_z [rad/s]"
+    flight = read(table(tmp_path / "a.csv", header, *rows))
+    assert lines_with(flight, ["'yaw [deg]' is clockwise from north by the gyro"])
