@@ -115,8 +115,8 @@ def _other_half(bag: OpenBag, topic: str, has: str, lacks: str) -> str:
 
 def _is_accelerometer(bag: OpenBag, topic: str) -> bool:
     """Return whether an IMU is a half with accelerometer only, by its name and its first message."""
-    first = bag.first.get(topic)
-    if first is None or "accel" not in topic.lower():
+    first, name = bag.first.get(topic), topic.lower()
+    if first is None or "accel" not in name or "gyro" in name:
         return False
     turns = first.angular_velocity
     return not any(np.nan_to_num([turns.x, turns.y, turns.z]))

@@ -149,8 +149,9 @@ def test_odometry_without_a_velocity_leaves_its_place_to_the_next(tmp_path):
     assert any("0 throughout" in line for line in alone.warnings)
 
 
-def test_a_gyro_that_reads_0_at_rest_is_one(tmp_path):
-    flight = read(ros1(tmp_path / "a.bag", imus("/imu", "base_link", (0.0, 0.0, 0.0), (0.5, 0.0, 9.8))))
+@pytest.mark.parametrize("topic", ["/imu", "/accel_gyro"])
+def test_a_gyro_that_reads_0_at_rest_is_one(tmp_path, topic):
+    flight = read(ros1(tmp_path / "a.bag", imus(topic, "base_link", (0.0, 0.0, 0.0), (0.5, 0.0, 9.8))))
     assert flight.imu.gyro_rad_s.tolist() == [[0.0, 0.0, 0.0]] * COUNT
 
 
