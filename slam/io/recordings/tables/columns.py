@@ -156,16 +156,27 @@ def columns_of(
             continue  # another quantity of the same name
         column = Column(quantity.name, title, k, unit, quantity.units.get(unit, np.nan))
         named.setdefault(quantity.name, []).append(column)
-    found = {
-        name: next((each for each in columns if not np.isnan(each.factor)), columns[0])
-        for name, columns in named.items()
-    }
+    found = {name: _preferred(columns) for name, columns in named.items()}
     for column in found.values():
         if np.isnan(column.factor) and column.quantity not in TIMES:
             raise unknown_unit(path, column, line)
     taken = {column.k for column in found.values()}
     unread = [brief(title, 60) for k, title in enumerate(titles) if k not in taken]
     return found, unread
+
+
+def _preferred(columns: Sequence[Column]) -> Column:
+    """Return the first column of a known unit, else the first.
+
+    A time without a unit may be dates: it yields to a column of the same name only.
+    """
+    names = [_plain(_split(each.title)[0]) for each in columns]
+    known = (
+        each
+        for each, name in zip(columns, names, strict=True)
+        if not np.isnan(each.factor) and (each.quantity not in TIMES or name == names[0])
+    )
+    return next(known, columns[0])
 
 
 def unknown_unit(path: Path, column: Column, line: int) -> InputError:
