@@ -153,6 +153,7 @@ class _Evidence:
         ranged = bool(self.metric[members].all())
         readings = self.setup.readings
         fixes = FixComparison(readings.fixes, readings.stamps_s[members]) if readings.fixes else None
+        fixes = fixes.without_repeats(w_T_b, ranged) if fixes else None
         agreement = fixes.rough(w_T_b, ranged) if fixes else None
         control = ControlComparison.of(self.setup.surveyed, members)
         base = self.setup

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.messages import Note
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.gps.consensus import Agreement, exact_agreement, rough_agreement
 from slam.mapping.gps.fixes import Fixes, nearest
 from slam.mapping.gps.messages import FixMessages, fix_messages
+from slam.mapping.gps.stale_fixes import moved_since_m, stale_line
 from slam.mapping.gps.stated_accuracy import (
     Contradiction,
     FixesOnMap,
@@ -29,6 +31,19 @@ class FixComparison:
     fixes: Fixes
     stamps_s: Array
     """(m,) times of the keyframes."""
+    moved_m: Array | None = None
+    """(n,) how far the map moved since the fix that each repeats, 0 for no repeats; None before a map."""
+
+    def without_repeats(self, w_T_b: Array, metric: bool) -> FixComparison:
+        """Return the comparison that leaves out the fixes that repeat a place while the level, unplaced poses
+        ``w_T_b`` (m, 4, 4) move."""
+        here_m = self.fixes.on_map(self.stamps_s, w_T_b)
+        return replace(self, moved_m=moved_since_m(here_m, self.fixes.w_p_b_m, metric, self.fixes.std_m))
+
+    @property
+    def stale(self) -> NDArray[np.bool_]:
+        """(n,) which fixes repeat a place while the pictures move: they are not compared."""
+        return np.zeros(len(self.fixes), bool) if self.moved_m is None else self.moved_m > 0
 
     def refined(self, offset_m: Array, antenna_m: Array) -> FixComparison:
         """Return the comparison of fixes less an offset (3,) they share, for an estimated antenna (3,)."""
@@ -37,13 +52,20 @@ class FixComparison:
 
     def rough(self, w_T_b: Array, metric: bool) -> Agreement:
         """Compare with the level, unplaced poses ``w_T_b`` (m, 4, 4)."""
-        here_m = self.fixes.on_map(self.stamps_s, w_T_b)
-        return rough_agreement(here_m, self.fixes.w_p_b_m, metric, self.fixes.std_m)
+        here_m = self._covered(w_T_b)
+        agreement = rough_agreement(here_m, self.fixes.w_p_b_m, metric, self.fixes.std_m)
+        return agreement.without(self.stale)
 
     def exact(self, w_T_b: Array, map_std_m: Array | None = None) -> Agreement:
         """Compare with the refined poses ``w_T_b`` (m, 4, 4), known to ``map_std_m`` (n, 3) at the fixes."""
-        off_m = self.fixes.w_p_b_m - self.fixes.on_map(self.stamps_s, w_T_b)
-        return exact_agreement(off_m, self.fixes.std_m, map_std_m)
+        off_m = self.fixes.w_p_b_m - self._covered(w_T_b)
+        return exact_agreement(off_m, self.fixes.std_m, map_std_m).without(self.stale)
+
+    def _covered(self, w_T_b: Array) -> Array:
+        """Return the antenna's position (n, 3) on the map at each fix that is compared, else NaN."""
+        here_m = self.fixes.on_map(self.stamps_s, w_T_b)
+        here_m[self.stale] = np.nan
+        return here_m
 
     def map_std_m(self, w_T_b: Array, covariances: Array, unused: NDArray[np.bool_]) -> Array:
         """Return standard deviations (n, 3) of the antenna on the map at fixes that it does not use, and 0 at
@@ -71,7 +93,15 @@ class FixComparison:
 
     def messages(self, agreement: Agreement) -> FixMessages:
         """Return remarks and warnings about the fixes."""
-        return fix_messages(self.fixes, agreement)
+        found, names = fix_messages(self.fixes, agreement), self.fixes.names
+        if self.moved_m is None or not (line := stale_line(names, self.moved_m)):
+            return found
+        is_note = isinstance(line, Note)
+        return FixMessages(
+            remarks=(*found.remarks, *([line] if is_note else [])),
+            warnings=(*([] if is_note else [line]), *found.warnings),
+            left_out=(*found.left_out, *(names[k] for k in np.flatnonzero(self.stale).tolist())),
+        )
 
     def contradictions(self, agreement: Agreement, w_T_b: Array) -> list[Contradiction]:
         """Compare the stated or assumed accuracy with refined poses ``w_T_b`` (m, 4, 4)."""

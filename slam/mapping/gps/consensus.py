@@ -119,6 +119,17 @@ def _majority(
     return SimilarityFit(turn, shift, BENT_MAP * _small_sample(len(a), 2) * median_m / MEDIAN_OF_RAYLEIGH)
 
 
+def rough_turn(here_m: Array, there_m: Array, metric: bool, seed: int = 0) -> complex | None:
+    """Return rotation and scale of the similarity that takes level places ``here_m`` (n, 3) to the fixes
+    ``there_m`` (n, 3), the least median of squares; None for fewer than two, or without any extent."""
+    known = np.isfinite(here_m[:, :2]).all(axis=1) & np.isfinite(there_m[:, :2]).all(axis=1)
+    if known.sum() < 2:
+        return None
+    a, b = here_m[known, :2] @ [1, 1j], there_m[known, :2] @ [1, 1j]
+    fit = _majority(a, b, metric, np.random.default_rng(seed))
+    return None if fit is None else fit.turn
+
+
 def nominal_limit_m(nominal_std_m: tuple[float, float, float]) -> float:
     """Return the horizontal distance up to which a fix may lie from the map by its nominal deviations."""
     return STATED_SIGMAS * float(np.hypot(*nominal_std_m[:2]) / np.sqrt(2))

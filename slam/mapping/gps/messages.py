@@ -49,7 +49,7 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
             f"the pictures and the other fixes, and {either(len(bad), 'is', 'are')} not used: "
             f"{_with_distance(fixes, bad, distance)}"
         )
-        if _too_many(len(bad), agreement.count):
+        if too_many(len(bad), agreement.count):
             warnings.append(line + _DOUBT)
         else:
             remarks.append(Note(line))
@@ -68,7 +68,7 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
                 f"and the other altitudes, and {either(outliers, 'is', 'are')} not used: "
                 f"{_with_distance(fixes, bad_altitude, agreement.off_m[bad_altitude, 2])}"
             )
-            if _too_many(outliers, count):
+            if too_many(outliers, count):
                 warnings.append(line + _DOUBT)
             else:
                 remarks.append(Note(line))
@@ -80,7 +80,8 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
     return FixMessages(tuple(remarks), tuple(warnings), tuple(fixes.names[k] for k in bad.tolist()))
 
 
-def _too_many(outliers: int, count: int) -> bool:
+def too_many(outliers: int, count: int) -> bool:
+    """Return whether so many of the fixes are outliers that they may be the right ones."""
     return outliers > math.ceil(MOST_OUTLIERS * count)
 
 
