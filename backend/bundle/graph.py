@@ -38,7 +38,7 @@ from backend.bundle.inertial.graph import (
     add_inertial,
 )
 from backend.bundle.lens import start_numbers, told_calibration, told_covariance
-from backend.bundle.noise_level import over_typical
+from backend.bundle.noise_level import over_typical, positions_over_typical
 from backend.bundle.reported.graph import ReportedPart, add_reported
 from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, FloorTracks, Measurements, PinholeModel, ReportedNoise
@@ -225,9 +225,10 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, nois
             model = robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
             graph.push_back(scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b @ r.b_T_s))
     if measurements.positions:
-        for p in measurements.positions:
+        over = positions_over_typical(measurements.positions)
+        for p, std_m in zip(measurements.positions, noise.position_m * over, strict=True):
             # An axis with an infinite deviation was not measured: it has no weight.
-            precision = np.where(np.isfinite(p.std_m), noise.position_m**-2.0, 0.0)
+            precision = np.where(np.isfinite(p.std_m), std_m**-2.0, 0.0)
             model = robust(gtsam.noiseModel.Diagonal.Precisions(precision))
             graph.push_back(scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
     if measurements.heights:

@@ -14,7 +14,13 @@ from backend.bundle.barometer import HEIGHTS, height_residuals
 from backend.bundle.control import mark_residuals, survey_residuals
 from backend.bundle.factors import ANTENNA, DATUM, LOG_GAIN, LOG_SCALE, OFFSET, body_up
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
-from backend.bundle.noise_level import least_std, over_typical, pooled, redundancy_factor
+from backend.bundle.noise_level import (
+    least_std,
+    over_typical,
+    pooled,
+    positions_over_typical,
+    redundancy_factor,
+)
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import residuals
 from backend.measurements import FloorTracks, Measurements
@@ -210,14 +216,19 @@ def _position_noise(
 ) -> Array:
     """Return the standard deviations east, north, up of positions; up stays where altitudes are too few."""
     w_p_a = w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ world[ANTENNA] + world[OFFSET]
-    off = np.array([p.w_p_b_m - w_p_a[p.k] for p in measurements.positions])
+    over = positions_over_typical(measurements.positions)
+    off = np.array([p.w_p_b_m - w_p_a[p.k] for p in measurements.positions]) / over
     high = off[np.isfinite([p.std_m[2] for p in measurements.positions]), 2:]
 
     stated = _stated_position_noise(measurements)
 
     def level(off: Array, axis: int, absorbed: Array) -> float:
         found = robust_autocorrelated_std(off) * redundancy_factor(off.size, absorbed)
-        least = min(float(stated[axis]), least_std(float(before[axis]), off.size, absorbed))
+        least = float(stated[axis])
+        # Of fixes that differ much, many coarse ones that are better than they state say nothing of the
+        # others. Else the residuals count, as far as they can show it.
+        if over[:, axis].max() < 1 + 1e-6:
+            least = min(least, least_std(float(before[axis]), off.size, absorbed))
         return max(found, least) + 1e-3
 
     horizontal, vertical = level(off[:, :2], 0, absorbed[:2]), float(before[2])

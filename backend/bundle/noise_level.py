@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import Position
+
 Array = NDArray[np.float64]
 
 _NOMINAL_COUNT = 20
@@ -50,7 +52,7 @@ def _left(count: int, absorbed: Array) -> float:
     return max(count - float(absorbed.sum()), 1.0)
 
 
-def over_typical(stated: Sequence[float]) -> Array:
+def over_typical(stated: Sequence[float] | Array) -> Array:
     """Return the stated deviations (n,) of readings over their median: a reading at the edge of a recording,
     or beside a gap, may be several times as uncertain as the others. One that states none counts as typical.
     """
@@ -58,3 +60,9 @@ def over_typical(stated: Sequence[float]) -> Array:
     known = np.isfinite(std) & (std > 0)
     typical = np.median(std[known]) if known.any() else 1.0
     return np.where(known, std / typical, 1.0)
+
+
+def positions_over_typical(positions: Sequence[Position]) -> Array:
+    """Return the stated deviations (n, 3) of positions over their medians along each axis."""
+    stated = np.array([p.std_m for p in positions]).reshape(-1, 3)
+    return np.column_stack([over_typical(axis) for axis in stated.T])

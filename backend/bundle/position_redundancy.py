@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from backend.bundle.factors import ANTENNA, OFFSET
 from backend.bundle.graph import WORLD, metric_jacobians, metric_poses
 from backend.bundle.minimise import BundleOptimum
+from backend.bundle.noise_level import positions_over_typical
 from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ def absorbed_positions(optimum: BundleOptimum) -> Array:
     J = w_R_b @ metric_jacobians(problem, values, np.zeros(3))[poses, 3:]
     J[:, :, 6:][:, :, OFFSET], J[:, :, 6:][:, :, ANTENNA] = np.eye(3), w_R_b
     variance = np.einsum("nij,njk,nik->ni", J, joint, J)[place]
-    measured = np.isfinite([p.std_m for p in positions])
+    measured, over = np.isfinite([p.std_m for p in positions]), positions_over_typical(positions)
     # A fix that the robust loss holds off still counts as absorbed, but never more than itself.
-    leverage = np.minimum(variance / optimum.noise.position_m**2, 1.0)
+    leverage = np.minimum(variance / (optimum.noise.position_m * over) ** 2, 1.0)
     return np.asarray(np.sum(leverage, axis=0, where=measured))

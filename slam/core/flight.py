@@ -167,6 +167,14 @@ class Gps(Instrument):
     """Its translation is the place of the antenna on the body."""
     antenna_std_m: float = 0.0
     """Standard deviation of that place along each axis; above 0 a map estimates it."""
+    stds_m: Array | None = None
+    """(n, 3) standard deviations of each fix where they differ much, such as with and without RTK;
+    ``noise_std_m`` is their median then. None where that holds for all."""
+
+    @property
+    def each_std_m(self) -> Array:
+        """(n, 3) nominal standard deviations of each fix."""
+        return np.tile(self.noise_std_m, (len(self.stamps_s), 1)) if self.stds_m is None else self.stds_m
 
     @property
     def antenna_assumed(self) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,7 +210,18 @@ def _gps(parts: list[Gps]) -> Gps | None:
         latitude_deg=_concatenated(parts, "latitude_deg"),
         longitude_deg=_concatenated(parts, "longitude_deg"),
         altitude_m=_concatenated(parts, "altitude_m"),
+        **_accuracy(parts),
     )
+
+
+def _accuracy(parts: list[Gps]) -> dict[str, Any]:
+    """Return the accuracy of joined positions: of each fix where that of one flight is not that of all."""
+    told = {part.noise_std_m for part in parts}
+    if len(told) == 1 and all(part.stds_m is None for part in parts):
+        return {}
+    stds_m = _concatenated(parts, "each_std_m")
+    east, north, up = np.median(stds_m, axis=0).tolist()
+    return {"stds_m": stds_m, "noise_std_m": (east, north, up)}
 
 
 def _truth(parts: list[Truth]) -> Truth:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,13 +15,16 @@ from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.messages import Note
 from slam.core.names import listed
 from slam.io.photos.photo_set import Photo
-from slam.io.photos.position import UNSIGNED, PhotoPosition
+from slam.io.photos.position import RTK_SOLUTIONS, UNSIGNED, PhotoPosition
 from slam.io.photos.unused_tags import unused_tags
 
 Array = NDArray[np.float64]
 
 _SAME_PLACE_M = 1.0
 """Places that differ by less are those of one receiver, which a camera stores twice at other moments."""
+_FIXED = RTK_SOLUTIONS[50]
+_DIFFERENT = 2.0
+"""Ratio of standard deviations from which on each fix counts with its own: the weights differ fourfold."""
 _NO_PLACE = (
     "the map has no metric scale and no place on Earth; copy the originals with their tags, or give "
     "control points (--gcp)"
@@ -52,13 +56,14 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
             "altitude of one point if altitudes matter"
         )
     remarks += _places_differ(fixes)
-    std_m, accuracy = _accuracy(fixes)
+    std_m, stds_m, accuracy = _accuracy(fixes)
     gps = Gps(
         stamps_s[known],
         _column(fixes, "latitude_deg"),
         _column(fixes, "longitude_deg"),
         altitude_m,
         std_m,
+        stds_m=stds_m,
         assumed=("T_BS", "noise_std") if all(fix.std_m is None for fix in fixes) else ("T_BS",),
     )
     return gps, (*remarks, *accuracy)
@@ -105,21 +110,52 @@ def _column(fixes: Sequence[PhotoPosition], name: str) -> Array:
     return np.array([np.nan if getattr(p, name) is None else getattr(p, name) for p in fixes], dtype=float)
 
 
-def _accuracy(fixes: Sequence[PhotoPosition]) -> tuple[tuple[float, float, float], list[str]]:
-    """Return the standard deviations of the set, the medians of those stated, and a remark if assumed."""
+def _accuracy(
+    fixes: Sequence[PhotoPosition],
+) -> tuple[tuple[float, float, float], Array | None, list[str]]:
+    """Return the median standard deviations of the set, those of each fix (n, 3) if they differ much, and
+    remarks."""
     stated = [p.std_m for p in fixes if p.std_m is not None]
     if not stated:
         assumed = "{:g}, {:g}, {:g} m".format(*Gps.noise_std_m)
-        return Gps.noise_std_m, [
-            Note(
-                f"accuracy of the GPS assumed: {assumed}; if it is better, run slam import and correct "
-                "noise_std in gps0/sensor.yaml"
-            )
+        line = (
+            f"accuracy of the GPS assumed: {assumed}; if it is better, run slam import and correct "
+            "noise_std in gps0/sensor.yaml"
+        )
+        return Gps.noise_std_m, None, [Note(line), *_rtk_solutions(fixes)]
+    remarks = _rtk_solutions(fixes)
+    typical = np.median(stated, axis=0)
+    without = [p.std_m is None and p.rtk not in ("", _FIXED) for p in fixes]
+    silent = sum(p.std_m is None for p in fixes) - sum(without)
+    if any(without):
+        assumed = "{:g}, {:g}, {:g} m assumed".format(*Gps.noise_std_m)
+        line = (
+            f"{sum(without)} of {len(fixes)} GPS positions state no accuracy and have no fixed RTK solution"
+        )
+        remarks.append(Note(f"{line}: {assumed}"))
+    if silent:
+        line = f"{silent} of {len(fixes)} GPS positions state no accuracy: that of the others is assumed"
+        remarks.append(Note(line))
+    stds_m = np.array(
+        [
+            Gps.noise_std_m if alone else typical if p.std_m is None else p.std_m
+            for p, alone in zip(fixes, without, strict=True)
         ]
-    east, north, up = np.median(stated, axis=0).tolist()
-    lacking = len(fixes) - len(stated)
-    line = f"{lacking} of {len(fixes)} GPS positions state no accuracy: that of the others is assumed"
-    return (east, north, up), [Note(line)] if lacking else []
+    )
+    east, north, up = np.median(stds_m, axis=0).tolist()
+    differ = bool((stds_m.max(axis=0) > _DIFFERENT * stds_m.min(axis=0)).any())
+    return (east, north, up), stds_m if differ else None, remarks
+
+
+def _rtk_solutions(fixes: Sequence[PhotoPosition]) -> list[str]:
+    """Return a remark with the number of fixes of each RTK solution where not all are fixed."""
+    counts = Counter(p.rtk or "unknown" for p in fixes)
+    if not any(p.rtk for p in fixes) or set(counts) == {_FIXED}:
+        return []
+    told = ", ".join(f"{count} {solution}" for solution, count in sorted(counts.items()))
+    return [
+        Note(f"RTK solutions of {counted(len(fixes), 'GPS position')}: {told}; each has its own accuracy")
+    ]
 
 
 def _faults(positions: Sequence[PhotoPosition], names: Sequence[str]) -> list[str]:

@@ -19,6 +19,8 @@ from slam.io.photos.xmp import Xmp
 LATITUDE_NAMES = ("GpsLatitude", "GPSLatitude", "Latitude")
 LONGITUDE_NAMES = ("GpsLongitude", "GpsLongtitude", "GPSLongitude", "Longitude")
 """Makers' XMP names; older DJI cameras write the second one of the longitude."""
+RTK_SOLUTIONS = {0: "without a position", 16: "single", 34: "float", 50: "fixed"}
+"""Solutions by DJI's ``RtkFlag``. A single or float one has errors of decimetres to metres."""
 UNSIGNED = "so the sign is unknown"
 """Words that mark a fault of a missing letter N, S, E or W."""
 
@@ -37,6 +39,8 @@ class PhotoPosition:
     one of both is missing."""
     std_m: tuple[float, float, float] | None = None
     """Standard deviations of east, north, up that the camera states."""
+    rtk: str = ""
+    """Solution of the RTK receiver: a value of `RTK_SOLUTIONS`; empty if the tags do not contain it."""
     height_above_takeoff_m: float | None = None
     unsigned_deg: tuple[float, float] | None = None
     """Latitude and longitude without their signs, where only letters are missing."""
@@ -78,6 +82,7 @@ def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:
         exif_altitude_m=exif_altitude,
         exif_gap_deg=gap_deg,
         std_m=_stated_std(gps, xmp),
+        rtk=RTK_SOLUTIONS.get(int(_flag(xmp.text("drone", "RtkFlag"))), ""),
         height_above_takeoff_m=takeoff,
         unsigned_deg=unsigned,
         letters=letters,
@@ -180,3 +185,8 @@ def _below_sea(reference: Any) -> bool:
     """Return whether GPSAltitudeRef is 1 (below sea level), or 3 of Exif 3.0 (below the ellipsoid)."""
     code = reference[0] if isinstance(reference, bytes) and len(reference) == 1 else number(reference)
     return code in (1, 3)
+
+
+def _flag(value: Any) -> float:
+    found = number(value)
+    return -1.0 if found is None else found

@@ -59,7 +59,7 @@ class FixComparison:
     def exact(self, w_T_b: Array, map_std_m: Array | None = None) -> Agreement:
         """Compare with the refined poses ``w_T_b`` (m, 4, 4), known to ``map_std_m`` (n, 3) at the fixes."""
         off_m = self.fixes.w_p_b_m - self._covered(w_T_b)
-        return exact_agreement(off_m, self.fixes.std_m, map_std_m).without(self.stale)
+        return exact_agreement(off_m, self.fixes.each_std_m, map_std_m).without(self.stale)
 
     def _covered(self, w_T_b: Array) -> Array:
         """Return the antenna's position (n, 3) on the map at each fix that is compared, else NaN."""
@@ -106,6 +106,8 @@ class FixComparison:
     def contradictions(self, agreement: Agreement, w_T_b: Array) -> list[Contradiction]:
         """Compare the stated or assumed accuracy with refined poses ``w_T_b`` (m, 4, 4)."""
         fixes, high = self.fixes, agreement.altitude_used & np.isfinite(agreement.off_m[:, 2])
+        # Fixes that state more than is typical are no evidence for what the others state.
+        high &= fixes.each_std_m[:, 2] <= fixes.std_m[2]
         on_map = self._on_map(agreement, w_T_b)
         found = (
             mirror_contradiction(on_map) or stated_accuracy_contradiction(on_map, fixes.std_m, fixes.stated),
@@ -115,6 +117,7 @@ class FixComparison:
 
     def _on_map(self, agreement: Agreement, w_T_b: Array) -> FixesOnMap:
         used = agreement.used & np.isfinite(agreement.off_m[:, 0])
+        used &= (self.fixes.each_std_m[:, :2] <= self.fixes.std_m[:2]).all(axis=1)
         here_m = self.fixes.on_map(self.stamps_s, w_T_b)[used, :2]
         at_s = self.fixes.stamps_s[used]
         w_R_b = w_T_b[nearest(self.stamps_s, at_s), :3, :3]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.graph import LARGEST_SLOPE_RAD
+from backend.bundle.noise_level import over_typical
 from backend.quantiles import f_limit
 from slam.mapping.gps.agreeing_half import SimilarityFit, agreeing_half
 
@@ -125,7 +126,8 @@ def rough_turn(here_m: Array, there_m: Array, metric: bool, seed: int = 0) -> co
     known = np.isfinite(here_m[:, :2]).all(axis=1) & np.isfinite(there_m[:, :2]).all(axis=1)
     if known.sum() < 2:
         return None
-    a, b = here_m[known, :2] @ [1, 1j], there_m[known, :2] @ [1, 1j]
+    a = here_m[known, 0] + 1j * here_m[known, 1]
+    b = there_m[known, 0] + 1j * there_m[known, 1]
     fit = _majority(a, b, metric, np.random.default_rng(seed))
     return None if fit is None else fit.turn
 
@@ -136,26 +138,31 @@ def nominal_limit_m(nominal_std_m: tuple[float, float, float]) -> float:
 
 
 def exact_agreement(
-    off_m: Array, nominal_std_m: tuple[float, float, float], map_std_m: Array | None = None
+    off_m: Array, nominal_std_m: Array | tuple[float, float, float], map_std_m: Array | None = None
 ) -> Agreement:
     """Compare fixes with a refined map that stands where they have put it.
 
-    ``off_m`` (n, 3) is fix minus map, NaN where either is missing. ``map_std_m`` (n, 3) are standard
+    ``off_m`` (n, 3) is fix minus map, NaN where either is missing. The nominal deviations are those of all
+    fixes (3,), or of each (n, 3). ``map_std_m`` (n, 3) are standard
     deviations of the map at fixes that it does not use, and 0 at the others. A fix that is not used is not
     called back where the map's deviation is unknown (NaN).
     """
     n = len(off_m)
     used, altitude_used = np.ones(n, bool), np.ones(n, bool)
-    std_m = np.hypot(nominal_std_m, np.zeros((n, 3)) if map_std_m is None else map_std_m)
+    nominal = np.broadcast_to(nominal_std_m, (n, 3))
+    across, up = over_typical(np.hypot(nominal[:, 0], nominal[:, 1])), over_typical(nominal[:, 2])
+    std_m = np.hypot(nominal, np.zeros((n, 3)) if map_std_m is None else map_std_m)
     least_m = STATED_SIGMAS * np.hypot(std_m[:, 0], std_m[:, 1]) / np.sqrt(2)
     known = np.flatnonzero(np.isfinite(off_m[:, :2]).all(axis=1))
     if len(known) < LEAST_FIXES:
         return Agreement(used, altitude_used, off_m)
-    used[known] = _within(np.linalg.norm(off_m[known, :2], axis=1), 2, least_m[known])
+    distance_m = np.linalg.norm(off_m[known, :2], axis=1)
+    used[known] = _within(distance_m / across[known], 2, least_m[known] / across[known])
     altitude_used &= used
     high = np.flatnonzero(np.isfinite(off_m[:, 2]) & used)
     if len(high) >= LEAST_FIXES:
-        altitude_used[high] &= _within(np.abs(off_m[high, 2]), 1, STATED_SIGMAS * std_m[high, 2])
+        least_m = STATED_SIGMAS * std_m[high, 2]
+        altitude_used[high] &= _within(np.abs(off_m[high, 2]) / up[high], 1, least_m / up[high])
     return Agreement(used, altitude_used, off_m)
 
 

@@ -41,6 +41,13 @@ class Fixes:
     """Its standard deviation along each axis."""
     antenna_assumed: bool = False
     """Whether it is at the body's origin because nobody told its place."""
+    stds_m: Array | None = None
+    """(n, 3) standard deviations of each fix where they differ; ``std_m`` is their median then."""
+
+    @property
+    def each_std_m(self) -> Array:
+        """(n, 3) nominal standard deviations of each fix."""
+        return np.tile(self.std_m, (len(self), 1)) if self.stds_m is None else self.stds_m
 
     @property
     def holds_untold_antenna(self) -> bool:
@@ -72,16 +79,17 @@ class Fixes:
             w_p_b_m=w_p_b_m[used],
             names=names,
             suspect=self.suspect[used],
+            stds_m=None if self.stds_m is None else self.stds_m[used],
         )
 
     def at(self, at_s: Array) -> tuple[Position, ...]:
         """Return the position of each keyframe at the times ``at_s`` (k,) that lies on or between fixes."""
         where = _between(self.stamps_s, at_s)
-        values = _interpolated(self.w_p_b_m, where)
+        values, stds_m = _interpolated(self.w_p_b_m, where), _interpolated(self.each_std_m, where)
         positions = []
         for k in np.flatnonzero(np.isfinite(values[:, :2]).all(axis=1)):
             flat = bool(np.isnan(values[k, 2]))
-            std = np.array([*self.std_m[:2], np.inf if flat else self.std_m[2]])
+            std = np.array([*stds_m[k, :2], np.inf if flat else stds_m[k, 2]])
             positions.append(Position(int(k), np.nan_to_num(values[k]), std))
         return tuple(positions)
 
@@ -125,6 +133,7 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
         antenna_m=gps.b_T_s[:3, 3],
         antenna_std_m=gps.antenna_std_m,
         antenna_assumed=gps.antenna_assumed,
+        stds_m=None if gps.stds_m is None else gps.stds_m[known][order],
     )
 
 

@@ -168,5 +168,5 @@ def _jumps(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> li
 
 def _exceed_nominal(fixes: Fixes, agreement: Agreement, used: NDArray[np.bool_]) -> bool:
     """Return whether the fixes ``used`` (n,), three at least, differ from the map by more than is nominal."""
-    squares = float(np.sum((agreement.off_m[used, :2] / np.array(fixes.std_m[:2])) ** 2))
+    squares = float(np.sum((agreement.off_m[used, :2] / fixes.each_std_m[used, :2]) ** 2))
     return squares >= chi_square_limit(FALSE_ALARM, 2 * int(used.sum()) - 4)

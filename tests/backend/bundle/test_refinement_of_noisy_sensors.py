@@ -112,3 +112,20 @@ def test_a_missing_altitude_has_no_influence():
     assert without.floor_z_m == pytest.approx(made.floor_z_m, abs=1e-3)
     assert np.isfinite(without.covariances).all()
     assert np.sqrt(without.covariances[:, 5, 5].max()) < 20.0
+
+
+@pytest.mark.slow
+def test_exact_positions_count_more_than_coarse_ones():
+    """All had counted with the median, so that half of coarse ones moved the map by decimetres."""
+    made = make(replace(SURVEY, position_std_m=(0.02, 0.02), points_in_view=15), 2)
+    rng = np.random.default_rng(0)
+    mixed = [
+        replace(p, w_p_b_m=p.w_p_b_m + rng.normal(0.5, 1.0, 3), std_m=np.array([2.0, 2.0, 2.0]))
+        if p.k % 2
+        else replace(p, std_m=np.full(3, 0.02))
+        for p in made.measurements.positions
+    ]
+    found = refine(replace(made.measurements, positions=tuple(mixed)), made.start, made.floor_z_m)
+    off = found.w_T_b[:, :3, 3] - made.w_T_b[:, :3, 3]
+    exact = [p.k for p in mixed if p.std_m[0] < 1]
+    assert np.sqrt(np.mean(off[exact] ** 2)) < 0.05

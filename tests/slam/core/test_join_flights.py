@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from slam import evaluate, optimize
 from slam.cli import app
 from slam.core.errors import InputError
-from slam.core.flight import Flight
-from slam.core.join_flights import PAUSE_S, join_flights
+from slam.core.flight import Flight, Gps
+from slam.core.join_flights import PAUSE_S, _gps, join_flights
 from slam.io.estimate import read_estimate
 from slam.io.flight_writer import write_flight
 from tests.slam.small_flight import elsewhere, flown, gps_of, only, photographs, seeing
@@ -148,3 +148,12 @@ def test_the_command_takes_several_flights_and_evaluates_their_map(two, tmp_path
     ran = CliRunner().invoke(app, ["optimize", paths[0], str(graph), "--out", str(tmp_path / "other")])
     assert ran.exit_code == 1
     assert "graph" in ran.output
+
+
+def test_positions_of_flights_of_different_accuracy_keep_their_own():
+    zero = np.zeros(2)
+    gps = [Gps(np.arange(2.0), zero, zero, zero, noise_std_m=(s, s, 2 * s)) for s in (0.01, 5.0)]
+    joined = _gps(gps)
+    np.testing.assert_equal(joined.stds_m[:, 0], [0.01, 0.01, 5.0, 5.0])
+    assert joined.noise_std_m == (2.505, 2.505, 5.01)
+    assert _gps(gps[:1]).stds_m is None

@@ -148,3 +148,28 @@ def test_the_stated_accuracy_of_a_set_is_its_median_and_gaps_are_reported(tmp_pa
     flight = import_photos(fill(tmp_path, files))
     assert flight.gps.noise_std_m == (0.01, 0.01, 0.01)
     assert remark(flight, "1 of 5 GPS positions state no accuracy")
+
+
+def test_fixes_of_different_accuracy_count_with_their_own(tmp_path):
+    """A float solution with its accuracy, and a lost one that states none, beside three fixed ones."""
+    names = [f"RtkStd{axis}" for axis in ("Lon", "Lat", "Hgt")]
+    fixed = {name: "0.01" for name in names} | {"RtkFlag": "50"}
+    drones = [fixed, fixed, {name: "0.5" for name in names} | {"RtkFlag": "34"}, fixed, {"RtkFlag": "16"}]
+    files = {f"{k}.jpg": jpeg(time=f"2024:05:06 07:08:0{k}", drone=d) for k, d in enumerate(drones)}
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.gps.noise_std_m == (0.01, 0.01, 0.01)
+    np.testing.assert_equal(flight.gps.stds_m[:, 0], [0.01, 0.01, 0.5, 0.01, 5.0])
+    np.testing.assert_equal(flight.gps.stds_m[4], [5, 5, 10])
+    assert remark(
+        flight, "1 of 5 GPS positions state no accuracy and have no fixed RTK solution", "5, 5, 10 m"
+    )
+    assert remark(flight, "RTK solutions of 5 GPS positions: 3 fixed, 1 float, 1 single")
+
+
+def test_fixes_of_nearly_one_accuracy_have_the_median(tmp_path):
+    drones = [{f"RtkStd{axis}": std for axis in ("Lon", "Lat", "Hgt")} for std in ("0.011", "0.012", "0.014")]
+    files = {f"{k}.jpg": jpeg(drone=d | {"RtkFlag": "50"}) for k, d in enumerate(drones)}
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.gps.stds_m is None
+    assert flight.gps.noise_std_m == (0.012, 0.012, 0.012)
+    assert not warned(flight, "RTK solutions")

@@ -124,3 +124,14 @@ def test_fixes_outside_the_map_are_not_judged():
     found = exact_agreement(off, STD)
     assert found.used.all()
     assert found.count == 9
+
+
+def test_fixes_of_different_accuracy_are_judged_by_their_own():
+    """Fixes without RTK differ by metres; one with RTK that is off by half a metre is wrong."""
+    rng, n = np.random.default_rng(3), 15
+    std_m = np.where(np.arange(n)[:, None] < 8, [0.01, 0.01, 0.02], [5.0, 5.0, 10.0])
+    off_m = rng.normal(0, std_m)
+    off_m[3] += [0.5, 0.0, 0.0]
+    found = exact_agreement(off_m, std_m)
+    assert np.flatnonzero(~found.used).tolist() == [3]
+    assert found.altitude_used[found.used].all()
