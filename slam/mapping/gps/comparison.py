@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from slam.core.messages import Note
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
+from slam.mapping.gps.altitude_course import AltitudesOnMap
 from slam.mapping.gps.consensus import Agreement, exact_agreement, rough_agreement
 from slam.mapping.gps.fixes import Fixes, nearest
 from slam.mapping.gps.messages import FixMessages, fix_messages
@@ -17,6 +18,7 @@ from slam.mapping.gps.stated_accuracy import (
     Contradiction,
     FixesOnMap,
     altitude_contradiction,
+    altitude_course_contradiction,
     mirror_contradiction,
     stated_accuracy_contradiction,
 )
@@ -109,11 +111,22 @@ class FixComparison:
         # Fixes that state more than is typical are no evidence for what the others state.
         high &= fixes.each_std_m[:, 2] <= fixes.std_m[2]
         on_map = self._on_map(agreement, w_T_b)
+        by_size = altitude_contradiction(agreement.off_m[high, 2], fixes.std_m[2], fixes.stated)
         found = (
             mirror_contradiction(on_map) or stated_accuracy_contradiction(on_map, fixes.std_m, fixes.stated),
-            altitude_contradiction(agreement.off_m[high, 2], fixes.std_m[2], fixes.stated),
+            by_size if by_size or fixes.stated else self._altitude_course(agreement, w_T_b, high),
         )
         return [each for each in found if each is not None]
+
+    def _altitude_course(
+        self, agreement: Agreement, w_T_b: Array, high: NDArray[np.bool_]
+    ) -> Contradiction | None:
+        """Return how the altitudes of the fixes ``high`` (n,) drift or step, whose accuracy is assumed."""
+        fixes = self.fixes
+        names = [fixes.names[k] for k in np.flatnonzero(high).tolist()]
+        here_m = fixes.on_map(self.stamps_s, w_T_b)[high, :2]
+        altitudes = AltitudesOnMap(agreement.off_m[high, 2], here_m, fixes.stamps_s[high], names)
+        return altitude_course_contradiction(altitudes, fixes.std_m[2])
 
     def _on_map(self, agreement: Agreement, w_T_b: Array) -> FixesOnMap:
         used = agreement.used & np.isfinite(agreement.off_m[:, 0])

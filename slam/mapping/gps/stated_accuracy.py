@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.quantiles import chi_square_limit, f_tail
+from slam.mapping.gps.altitude_course import AltitudesOnMap, altitude_course
 from slam.mapping.gps.consensus import FALSE_ALARM, LEAST_FIXES, STATED_SIGMAS
 
 Array = NDArray[np.float64]
@@ -145,6 +146,13 @@ def altitude_contradiction(up_m: Array, nominal: float, stated: bool = True) -> 
         f"({std / nominal:.0f} sigmas)"
     )
     return Contradiction(differs, Pattern("altitude", 0.0, ""), stated)
+
+
+def altitude_course_contradiction(altitudes: AltitudesOnMap, nominal: float) -> Contradiction | None:
+    """Return how altitudes drift or step against the map by more than is assumed of them; else None."""
+    course = altitude_course(altitudes, nominal)
+    differs = f"gps0: {_said(nominal, False)} for altitudes, but {course}"
+    return Contradiction(differs, Pattern("altitude", 0.0, ""), False) if course else None
 
 
 def _said(nominal: float, stated: bool) -> str:
