@@ -48,7 +48,7 @@ def accelerometer_lag(
 ) -> AccelerometerLag | None:
     """Estimate the lag; None where the best one lies at the end of the search, or segments contradict it.
 
-    ``fit`` returns the regression's parameters (7,) for the rows of a lag; ``noise`` is as
+    ``fit`` returns the regression's parameters (9,) for the rows of a lag; ``noise`` is as
     `RegressionRows.weight` has it.
     """
     tried_s = np.arange(-_LONGEST_S, _LONGEST_S + _STEP_S / 2, _STEP_S)

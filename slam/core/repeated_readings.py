@@ -32,13 +32,17 @@ _FIELDS = {
 
 _HELD = ("imu", "attitude", "velocity")
 """Streams whose repetitions are dropped: a range or a height may be coarse, and repeat by itself."""
+_UNSTEADY = 0.4
+"""Standard deviation over mean of the lengths of runs. A logger of another rate makes runs of two lengths
+that follow each other: at most 1/3. Runs of a coarse reading end by chance: 0.41 and more."""
 
 
 def without_held_readings(flight: Flight) -> Flight:
     """Return the flight with the first of each run of equal readings where most only repeat the one before,
     each a warning.
 
-    The runs of a logger are of about one length; those of a coarse or resting sensor are not.
+    The runs of a logger are of about one length, if its sensor does not rest; those of a coarse sensor are
+    not.
     """
     for name in _HELD:
         series = getattr(flight, name)
@@ -49,7 +53,10 @@ def without_held_readings(flight: Flight) -> Flight:
         first = np.append(True, (values[1:] != values[:-1]).any(axis=1))
         runs = np.diff(np.append(np.flatnonzero(first), count))
         usual = np.median(runs)
-        if len(runs) < _ROWS or usual < 2 or 2 * runs[runs > 2 * usual].sum() > count:
+        steady = runs[runs <= 2 * usual]
+        if len(runs) < _ROWS or usual < 2 or 2 * steady.sum() < count:
+            continue
+        if steady.std() > _UNSTEADY * steady.mean():
             continue
         arrays = {f.name: getattr(series, f.name) for f in fields(series)}
         kept = {key: a[first] for key, a in arrays.items() if isinstance(a, np.ndarray) and len(a) == count}

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 COMPARED = ("velocity", "sonar", "barometer")
 """Streams that show how velocity or height changes."""
-_STEP_S = 0.02
+STEP_S = 0.02
 """Step of the motion by the IMU: a vehicle accelerates at less than 10 Hz."""
 _MEAN_S = 0.25
 """Time over which readings are averaged, so that their noise does not hide changes of velocity."""
@@ -50,7 +50,7 @@ class ImuMotion:
         if flight.imu is None or len(flight.imu.stamps_s) < 2:
             return None
         inputs = filter_input(replace(flight, velocity=None, sonar=None, barometer=None, gps=None), trust)
-        at_s = np.arange(inputs.start_s, inputs.end_s, _STEP_S)
+        at_s = np.arange(inputs.start_s, inputs.end_s, STEP_S)
         imu_s = flight.imu.stamps_s
         after = np.searchsorted(imu_s, at_s).clip(1, len(imu_s) - 1)
         at_s = at_s[imu_s[after] - imu_s[after - 1] < _LONGEST_GAP_S]

@@ -33,10 +33,10 @@ class InertialTrust:
 
     gyro_offset_rad_s: float = 0.02
     gyro_walk_rad_s2: float = 1e-3
-    """Least random walk of the gyro's bias, per root Hz."""
+    """Random walk of the gyro's bias where none is stated, and the least one of the filter, per root Hz."""
     accel_offset_m_s2: float = 0.3
     accel_walk_m_s3: float = 1e-3
-    """Least random walk of the accelerometer's bias, per root Hz."""
+    """The same of the accelerometer's bias."""
     attitude_floor_rad: float = 0.003
     """Least white noise of the on-board attitude."""
     tilt_error_rad: float = 0.1

@@ -18,6 +18,7 @@ from slam.core.flight import STREAMS, Flight
 from slam.core.stream_anomalies import stuck_ranges
 from slam.inertial.imu_motion import (
     COMPARED,
+    STEP_S,
     ImuMotion,
     changes_against,
     delay_grid,
@@ -86,7 +87,8 @@ def _beside(flight: Flight, name: str, motion: ImuMotion) -> tuple[Array, Array]
     stamps_s, values, axes = readings_in_world(flight, name, motion)
     moved = motion.w_v_m_s[:, axes]
     if name != "velocity":
-        moved = np.cumsum(moved * np.gradient(motion.at_s)[:, None], axis=0)
+        # What it moves within a gap of the IMU is unknown.
+        moved = np.cumsum(moved * np.minimum(np.gradient(motion.at_s), STEP_S)[:, None], axis=0)
     inside = (stamps_s >= motion.at_s[0]) & (stamps_s <= motion.at_s[-1])
     stamps_s, values = stamps_s[inside], values[inside]
     return stamps_s, values - np.column_stack([np.interp(stamps_s, motion.at_s, m) for m in moved.T])

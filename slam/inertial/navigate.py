@@ -231,7 +231,10 @@ def _lost_in_pauses(inputs: FilterInput, at_s: Array, position_std_m: Array) -> 
     if not lost:
         return []
     more = f" and {len(lost) - 3} times more" if len(lost) > 3 else ""
-    return [f"no instrument was recorded {', '.join(lost[:3])}{more}: the position behind is lost"]
+    return [
+        f"neither IMU, velocity nor position was recorded {', '.join(lost[:3])}{more}: how far the vehicle "
+        "moved meanwhile is unknown, and all later positions are off by as much"
+    ]
 
 
 def rejection_counts(track: Track) -> dict[str, int]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from backend.preintegration.integrals import gaps
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.inertial.filter_input import filter_input
 from slam.inertial.instruments import InertialTrust
@@ -100,17 +101,18 @@ def _without_gaps(streams: list[Array], begin_s: float, end_s: float) -> list[Ar
     """
     lasts, nexts = [begin_s], [end_s]
     for stamps_s in streams:
-        gaps = np.flatnonzero(np.diff(stamps_s) > _WINDOW_S / 2)
-        lasts += stamps_s[gaps + 1].tolist()
-        nexts += stamps_s[gaps].tolist()
+        lost = np.flatnonzero(gaps(stamps_s, _WINDOW_S / 2))
+        lasts += stamps_s[lost + 1].tolist()
+        nexts += stamps_s[lost].tolist()
     edges_s = np.unique(np.clip([*lasts, *nexts], begin_s, end_s))
     pieces = []
     for first_s, last_s in zip(edges_s[:-1].tolist(), edges_s[1:].tolist(), strict=True):
         middle_s = (first_s + last_s) / 2
         is_gap = any(
-            stamps_s[min(k, len(stamps_s) - 1)] - stamps_s[max(k - 1, 0)] > _WINDOW_S / 2
+            bool(gaps(stamps_s, _WINDOW_S / 2)[k - 1])
             for stamps_s in streams
             for k in (int(np.searchsorted(stamps_s, middle_s)),)
+            if 0 < k < len(stamps_s)
         )
         if not is_gap and last_s - first_s > _WINDOW_S:
             pieces.append(np.arange(first_s, last_s, _STEP_S))

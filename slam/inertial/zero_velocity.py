@@ -87,7 +87,9 @@ class RestWindows:
             rests &= (count >= _LEAST_READINGS) & (std.max(axis=1) < np.maximum(floor, noise * (1 + chance)))
             for lag in _LAGS:
                 change = np.abs(mean[lag:] - mean[:-lag])
-                rests[lag:] &= (change <= 2 * chance[lag:, None] * std[lag:]).all(axis=1)
+                # A mean that is unknown, beside a gap, shows no change.
+                rests[lag:] &= ~(change > 2 * chance[lag:, None] * std[lag:]).any(axis=1)
+        rests |= 2 * count < np.median(count)  # a gap is no motion
         if velocity is not None:
             inside = (velocity.stamps_s >= begins_s[0]) & np.isfinite(velocity.v_m_s).all(axis=1)
             count, mean, _ = _window_moments(begins_s, velocity.stamps_s[inside], velocity.v_m_s[inside])
@@ -107,7 +109,8 @@ class RestWindows:
             return np.ones(len(stamps_s), dtype=bool)
         rest_s = self.begins_s[self.rests]
         k = np.searchsorted(rest_s, stamps_s, side="right") - 1
-        return np.asarray(~((k >= 0) & (stamps_s - np.append(rest_s, np.inf)[k] < _WINDOW_S)), dtype=bool)
+        moves = ~((k >= 0) & (stamps_s - np.append(rest_s, np.inf)[k] < _WINDOW_S))
+        return np.asarray(moves if moves.any() else np.ones_like(moves), dtype=bool)
 
     def first_motion_s(self, start_s: float) -> float:
         """Return when the vehicle first moves after ``start_s``; that time itself if it never does."""
@@ -144,7 +147,7 @@ def _window_moments(
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """Return number (w,), mean and standard deviation (w, d) of values (n, d) in each window; NaN in one
     without any."""
-    window, count = np.searchsorted(begins_s, stamps_s, side="right") - 1, len(begins_s)
+    window, count = np.searchsorted(begins_s[1:], stamps_s, side="right"), len(begins_s)
     with np.errstate(invalid="ignore", divide="ignore"):
         rows = np.bincount(window, minlength=count)
         mean = np.column_stack([np.bincount(window, v, count) / rows for v in values.T])

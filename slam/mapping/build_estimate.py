@@ -195,7 +195,8 @@ def _middle_std_m(map_: Map, datum: Array) -> float | None:
     None of a map that is not on Earth."""
     if map_.bundle is None or not map_.georeferenced:
         return None
-    return float(np.hypot(map_.bundle.middle_std_m, np.linalg.norm(datum[0, 3:])))
+    common_m = np.nanmax(np.linalg.norm(datum[:, 3:], axis=(1, 2)))  # NaN where a pose is not placed
+    return float(np.hypot(map_.bundle.middle_std_m, common_m))
 
 
 def _ground_covariances(map_: Map, datum: Array) -> Array | None:

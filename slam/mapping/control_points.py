@@ -194,6 +194,8 @@ class ControlVerdict:
             if not compared:
                 return report
             offset_m, std_m = _common([rows[k] for k in compared])
+            datum_m = max(self.points[k].told.datum_std_m for k in compared)
+            std_m = np.hypot(std_m, [datum_m, datum_m, 0.0])
         altitudes = [self.points[k].told.altitude_m for k in compared]
         known = [z for z in altitudes if np.isfinite(z)]
         return replace(

@@ -228,7 +228,7 @@ class _Evidence:
             )
             used, settled = agreement, np.array_equal(verdict.used, used_points)
             if fixes is not None and used is not None:
-                map_std_m = fixes.map_std_m(bundle.w_T_b, bundle.covariances, ~used.used)
+                map_std_m = fixes.map_std_m(bundle.w_T_b, bundle.antenna_covariances, ~used.used)
                 agreement = part.refined_fixes(fixes).exact(bundle.w_T_b, map_std_m)
                 held = used.used & fixes.of_keyframes(contradicted_keyframes(bundle.optimum)) & ~doubted
                 agreement, doubted = agreement.without(held), doubted | held

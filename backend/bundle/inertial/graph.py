@@ -46,6 +46,8 @@ Array = NDArray[np.float64]
 IMU = gtsam.symbol("a", 0)
 _LETTERS = {ord(letter) for letter in "abfv"}
 """Letters of the keys of this part."""
+_LEAST_WALK = 1e-6
+"""Least random walk of a bias over its offset, per root second: none at all would be singular beside it."""
 _NEAR_S = 0.3
 """Half the time over which a path is smoothed: the thrust of a small vehicle turns more slowly."""
 _PARABOLA = 3
@@ -255,7 +257,7 @@ def _add_biases(graph: gtsam.NonlinearFactorGraph, part: InertialPart) -> None:
     """
     noise, none = part.inertial.noise, gtsam.imuBias.ConstantBias()
     offsets = np.repeat([noise.accel_offset_m_s2, noise.gyro_offset_rad_s], 3)
-    walks = np.repeat([noise.accel_walk, noise.gyro_walk], 3)
+    walks = np.maximum(np.repeat([noise.accel_walk, noise.gyro_walk], 3), _LEAST_WALK * offsets)
     runs = list(chains(part.intervals))
     first = gtsam.noiseModel.Diagonal.Sigmas(offsets)
     graph.push_back(gtsam.PriorFactorConstantBias(BIAS(runs[0][0].i), none, first))

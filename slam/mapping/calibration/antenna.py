@@ -66,8 +66,8 @@ def antenna_height_note(bundle: Bundle) -> str:
     if not measured.positions or measured.antenna_up_std_m <= measured.antenna_std_m:
         return ""
     return Note(
-        "gps0: nothing tells how high the antenna is above the camera: heights of cameras and ground count "
-        f"it as 0 ± {measured.antenna_up_std_m:g} m; T_BS of gps0/sensor.yaml states it"
+        "gps0: nothing tells how high the antenna is above the body's origin: heights of cameras and ground "
+        f"count it as 0 ± {measured.antenna_up_std_m:g} m; T_BS of gps0/sensor.yaml states it"
     )
 
 

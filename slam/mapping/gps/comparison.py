@@ -71,8 +71,8 @@ class FixComparison:
 
     def map_std_m(self, w_T_b: Array, covariances: Array, unused: NDArray[np.bool_]) -> Array:
         """Return standard deviations (n, 3) of the antenna on the map at fixes that it does not use, and 0 at
-        the others; ``covariances`` (m, 6, 6) are those of the poses. Where a pose's is unknown (NaN), so is
-        the deviation of a fix at it.
+        the others; ``covariances`` (m, 3, 3) are those of the antenna at the poses, in the axes of the world.
+        Where one is unknown (NaN), so is the deviation of a fix at it.
 
         An antenna whose place nobody told moves the map as a whole at one heading. At another heading it
         differs from that as the attitude does from those of the fixes that the map uses.
@@ -81,11 +81,10 @@ class FixComparison:
         if not unused.any() or unused.all():
             return std_m
         near = nearest(self.stamps_s, self.fixes.stamps_s)
-        R, of_pose = w_T_b[near, :3, :3], covariances[near, 3:, 3:]
+        R = w_T_b[near, :3, :3]
         turned = R - R[~unused].mean(axis=0)
         antenna_m = NOMINAL_ANTENNA_STD_M if self.fixes.holds_untold_antenna else 0.0
-        of_pose = R @ of_pose @ np.swapaxes(R, 1, 2)
-        total = of_pose + antenna_m**2 * turned @ np.swapaxes(turned, 1, 2)
+        total = covariances[near] + antenna_m**2 * turned @ np.swapaxes(turned, 1, 2)
         std_m[unused] = np.sqrt(np.diagonal(total, axis1=1, axis2=2))[unused]
         return std_m
 

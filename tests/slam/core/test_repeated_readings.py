@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from slam.core.flight import Flight, Imu, Sonar, Velocity
 from slam.core.flight_info import describe
@@ -48,6 +49,30 @@ def test_readings_that_a_logger_repeats_are_dropped_and_told():
     np.testing.assert_array_equal(flight.imu.gyro_rad_s, values)
     np.testing.assert_allclose(flight.imu.stamps_s, 0.04 * np.arange(100))
     assert flight.warnings[0].startswith("imu0: 700 of 800 readings only repeat the one before")
+
+
+def velocity_of(values: np.ndarray) -> Flight:
+    return Flight("made", velocity=Velocity(0.1 * np.arange(len(values)), values))
+
+
+@pytest.mark.parametrize(("std", "time_s"), [(0.5, 2.0), (0.5, 4.0), (1.0, 8.0)])
+def test_coarse_readings_that_repeat_by_chance_stay(std: float, time_s: float):
+    """A velocity in steps of 0.1 m/s changes at about every second or third reading."""
+    rng, keep = np.random.default_rng(0), np.exp(-0.1 / time_s)
+    values = np.zeros((1200, 2))
+    for k in range(1, 1200):
+        values[k] = keep * values[k - 1] + rng.normal(0, std * np.sqrt(1 - keep**2), 2)
+    flight = velocity_of(np.round(values, 1))
+    assert without_held_readings(flight) is flight
+
+
+@pytest.mark.parametrize("ratio", [1.6, 2.5, 4.4, 20.3])
+def test_a_logger_whose_rate_is_no_multiple_repeats_too(ratio: float):
+    seen = np.floor(np.arange(2000) / ratio).astype(int)
+    values = np.random.default_rng(0).normal(0, 0.1, (2001, 3))
+    flight = without_held_readings(imu_of(values[seen]))
+    assert flight.imu is not None
+    assert len(flight.imu.stamps_s) == seen[-1] + 1
 
 
 def test_readings_that_repeat_by_themselves_stay():

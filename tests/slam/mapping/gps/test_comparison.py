@@ -16,7 +16,7 @@ COUNT = 14
 LAST = np.arange(COUNT) == COUNT - 1
 POSE_STD_M = 0.05
 STAMPS_S = np.arange(float(COUNT))
-COVARIANCES = np.tile(np.diag([0.0, 0, 0, *(POSE_STD_M,) * 3]) ** 2, (COUNT, 1, 1))
+COVARIANCES = np.tile(np.eye(3) * POSE_STD_M**2, (COUNT, 1, 1))
 
 
 def line_and_back() -> np.ndarray:
