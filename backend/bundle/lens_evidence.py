@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from backend.bundle.accuracy.systematic_terms import row_pictures
 from backend.bundle.lens import told_calibration, told_covariance
 from backend.bundle.minimise import BundleOptimum
-from backend.bundle.noise import autocorrelated_std
 from backend.bundle.observations import Cameras
+from backend.bundle.residual_spread import autocorrelated_std
 from backend.measurements import PinholeModel
 
 Array = NDArray[np.float64]

@@ -23,13 +23,12 @@ from backend.bundle.noise_level import (
 )
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import residuals
+from backend.bundle.residual_spread import MOST_SIGMAS, huber_std, robust_autocorrelated_std
 from backend.measurements import FloorTracks, Measurements
-from backend.quantiles import chi_square_quantile, chi_square_tail
+from backend.quantiles import chi_square_quantile
 
 Array = NDArray[np.float64]
 
-_HUBER_SIGMAS = 2.0
-"""Residuals of instruments count up to here, as those of pixels do: one wrong reading spoils no other."""
 _MAX_LAG = 5
 """Largest lag of the autocorrelation along a track, in keyframes."""
 _MIN_PIXEL_SCALE = 0.01
@@ -255,7 +254,7 @@ def _mark_scale(off: Array, points: int) -> float:
     left = off.size - 3 * points
     if left <= 3:
         return 1.0
-    found = huber_std(off, _HUBER_SIGMAS) * redundancy_factor(off.size, np.array([3.0 * points]))
+    found = huber_std(off, MOST_SIGMAS) * redundancy_factor(off.size, np.array([3.0 * points]))
     return pooled(1.0, found, left)
 
 
@@ -304,53 +303,3 @@ def _estimate_relief(residuals: _Residuals, start: float, seen: NDArray[np.bool_
     # it consistent for Gaussian heights.
     loss = np.sum(0.5 * np.log(variance) + 2.5 * np.log1p(z**2 / (4.0 * STUDENT_SCALE**2 * variance)), axis=1)
     return float(np.clip(grid[np.argmin(loss)], max(0.05 * start, 2e-4), 20 * start))
-
-
-def huber_std(x: Array, k: float) -> float:
-    """Return the standard deviation per coordinate of residuals (m, d): Huber's proposal 2, cut at k.
-
-    The median would use the core alone, and the covariance of estimates with Huber's loss would be too small.
-    Source: Huber and Ronchetti 2009, section 6.4; the expectation is that of a chi-square variable.
-    """
-    d = x.shape[1]
-    distance = np.linalg.norm(x, axis=1)
-    sigma = float(np.median(distance)) / float(np.sqrt(chi_square_quantile(0.5, d)))
-    expected = d * (1.0 - chi_square_tail(k**2, d + 2)) + k**2 * chi_square_tail(k**2, d)
-    for _ in range(30):
-        if sigma <= 0:
-            break
-        sigma *= float(np.sqrt(np.mean(np.minimum(distance / sigma, k) ** 2) / expected))
-    return sigma
-
-
-def robust_autocorrelated_std(x: Array) -> float:
-    """Return `autocorrelated_std` of residuals (n, d) whose outliers are cut at `_HUBER_SIGMAS`."""
-    std = huber_std(x, _HUBER_SIGMAS)
-    if std <= 0:
-        return autocorrelated_std(x)
-    distance = np.linalg.norm(x, axis=1, keepdims=True) / std
-    cut = x / np.maximum(distance / _HUBER_SIGMAS, 1.0)
-    plain = float(np.sqrt(np.mean(cut**2)))
-    return std * autocorrelated_std(cut) / plain if plain > 0 else std
-
-
-def autocorrelated_std(x: Array) -> float:
-    """Return the standard deviation to use for each value of a correlated series (n, d) as if independent.
-
-    An error that is constant over L keyframes is worth one measurement, not L: the variance is multiplied by
-    the integrated autocorrelation. Source: Sokal 1997, section 3 (self-consistent window).
-    """
-    x = np.asarray(x, dtype=float)
-    n = len(x)
-    variance = float(np.mean(x**2))
-    if variance <= 0 or n < 4:
-        return float(np.sqrt(variance))
-    total, lag = 1.0, 0
-    for lag in range(1, n // 2):
-        total += 2 * float(np.mean(np.sum(x[lag:] * x[:-lag], axis=1))) / (x.shape[1] * variance)
-        if lag > 5 * total:
-            break
-    # Independent values are slightly correlated by chance.
-    if total - 1 < 2 * np.sqrt(4 * lag / x.size):
-        return float(np.sqrt(variance))
-    return float(np.sqrt(variance * total))

@@ -24,9 +24,10 @@ from backend.bundle.floor_points import intersect_floor
 from backend.bundle.graph import BundleConfig, NoiseLevels
 from backend.bundle.information import Information, information
 from backend.bundle.lens import start_numbers
-from backend.bundle.noise import huber_std, start_noise, track_correlation_factor
+from backend.bundle.noise import start_noise, track_correlation_factor
 from backend.bundle.projections import residuals
 from backend.bundle.refinement import refine
+from backend.bundle.residual_spread import huber_std
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 from frontend.mosaic.quality import ground_jacobian
 from frontend.tracks import join_tracks

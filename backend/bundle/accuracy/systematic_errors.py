@@ -22,8 +22,8 @@ from scipy.sparse import csc_array
 
 from backend.bundle.accuracy.systematic_terms import Kind, added_columns
 from backend.bundle.graph import WORLD, metric_jacobians, origin
-from backend.bundle.noise import autocorrelated_std
 from backend.bundle.refinement import Bundle
+from backend.bundle.residual_spread import autocorrelated_std
 from backend.errors import BackendError
 from backend.quantiles import f_tail
 from backend.sparse_cholesky import SingularMatrixError

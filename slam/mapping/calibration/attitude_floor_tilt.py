@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.bundle.graph import LARGEST_SLOPE_RAD
-from backend.bundle.noise import autocorrelated_std
+from backend.bundle.residual_spread import autocorrelated_std
 from slam.core.flight import Flight
 from slam.core.rotations import rotation_of
 from slam.mapping.keyframe_readings import attitudes_at

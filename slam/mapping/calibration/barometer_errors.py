@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from backend.bundle.barometer import GAIN, HEIGHTS, height_gain, read_and_mapped
-from backend.bundle.noise import autocorrelated_std
 from backend.bundle.refinement import Bundle
+from backend.bundle.residual_spread import autocorrelated_std
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import up_stds
 from slam.core.instrument_errors import BarometerErrors

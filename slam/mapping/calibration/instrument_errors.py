@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.noise import autocorrelated_std
+from backend.bundle.residual_spread import autocorrelated_std
 from slam.core.flight import Flight
 from slam.core.instrument_errors import AccelerometerErrors, AttitudeErrors, ClockErrors
 from slam.core.rotations import roll_pitch_yaw_of
