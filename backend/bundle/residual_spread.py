@@ -9,7 +9,7 @@ from backend.quantiles import chi_square_quantile, chi_square_tail
 
 Array = NDArray[np.float64]
 
-MOST_SIGMAS = 2.0
+HUBER_SIGMAS = 2.0
 """Residuals of instruments count up to here, as those of pixels do: one wrong reading spoils no other."""
 
 
@@ -31,12 +31,12 @@ def huber_std(x: Array, k: float) -> float:
 
 
 def robust_autocorrelated_std(x: Array) -> float:
-    """Return `autocorrelated_std` of residuals (n, d) whose outliers are cut at `MOST_SIGMAS`."""
-    std = huber_std(x, MOST_SIGMAS)
+    """Return `autocorrelated_std` of residuals (n, d) whose outliers are cut at `HUBER_SIGMAS`."""
+    std = huber_std(x, HUBER_SIGMAS)
     if std <= 0:
         return autocorrelated_std(x)
     distance = np.linalg.norm(x, axis=1, keepdims=True) / std
-    cut = x / np.maximum(distance / MOST_SIGMAS, 1.0)
+    cut = x / np.maximum(distance / HUBER_SIGMAS, 1.0)
     plain = float(np.sqrt(np.mean(cut**2)))
     return std * autocorrelated_std(cut) / plain if plain > 0 else std
 
