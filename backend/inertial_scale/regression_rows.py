@@ -34,7 +34,7 @@ _TARGET_SEGMENTS, _MAX_SEGMENTS, MIN_SEGMENTS = 12, 60, 8
 MIN_POSES = 8
 _MAX_GAP_S = 0.5
 LEAST_GAP_S = 0.1
-"""Time without a reading that is no gap."""
+"""Longest time without a reading that is never a gap."""
 MIN_SPACING_S = 0.05
 """Smallest spacing of poses: closer ones share their errors and add no information at 1 Hz."""
 PRIOR = np.diag(np.array([0.0, *[3.0**-2] * 3, *[0.3**-2] * 3, *[0.02**-2] * 2]))

@@ -52,6 +52,7 @@ _ROUNDS = 3
 _MAX_SCALE_RATIO = 10.0
 """Largest ratio of the scale to its initial guess."""
 _LEAST_RATIO = 1 / _MAX_SCALE_RATIO
+"""Smallest one."""
 _LEAST_HZ, _RATE_SLACK = 20.0, 1.05
 """Fewest readings a second, less what clocks and rounded stamps are off. Small vehicles turn at up to 10 Hz:
 slower readings take such turns for slower ones, and lengths are 15 % and more too short."""

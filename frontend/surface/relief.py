@@ -22,10 +22,10 @@ Mask = NDArray[np.bool_]
 FALSE_SHARE = 0.05
 """Share of the squares found to have relief that may be flat, and of the flat floors with a square found
 beyond all components across. The inverse, 20, is the least number of squares that either rule judges."""
-TAIL = 3.0
+_TAIL = 3.0
 """Exponent of the tails of the components, as heavy as those of Student's t with as many degrees of freedom.
 Of two such samples, the largest value of one is more than r times that of the other with a probability of
-1 / (1 + r^TAIL)."""
+1 / (1 + r^3)."""
 VISIBLE_PX = 0.5
 """Least displacement that counts: a smaller one does not change which pixel of the mosaic shows a point."""
 
@@ -39,7 +39,7 @@ def relief_threshold_px(measured: Misregistration) -> float:
     found = len(along) - np.searchsorted(along, tried)
     kept = tried[(1 + false) <= FALSE_SHARE * found]
     if FALSE_SHARE * len(across) >= 1:
-        far_px = (1 / FALSE_SHARE - 1) ** (1 / TAIL) * across[-1]
+        far_px = (1 / FALSE_SHARE - 1) ** (1 / _TAIL) * across[-1]
         kept = np.concatenate([kept, tried[tried > far_px]])
     return float(kept.min(initial=np.inf))
 

@@ -6,6 +6,8 @@ import numpy as np
 
 SPACE = "\N{NO-BREAK SPACE}"
 """Space between a figure and its unit."""
+FOOT_M = 0.3048
+"""Metres in a foot. Source: its definition of 1959."""
 
 
 def percent(share: float) -> str:

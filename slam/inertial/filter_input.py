@@ -42,8 +42,9 @@ _NEAR_S = 0.5
 _HEIGHT_STD = 0.5
 """Relative standard deviation of the height at the first picture: twice the largest error of its start
 (`slam.inertial.start_height`), so that the readings decide."""
-_YAW_STD_RAD = 0.5
-"""Standard deviation of a heading in the world that is read once."""
+START_YAW_STD_RAD = 0.5
+"""Standard deviation of a heading at the start that is read once, or found by trying headings 30° apart
+(`slam.inertial.start_heading`)."""
 _REST_TILT_RAD = 0.01
 _REST_STD = 0.01, 0.003
 """Standard deviations of velocity (m/s) and body rate (rad/s) at rest."""
@@ -66,11 +67,8 @@ class StartHeading:
 
     yaw_rad: float
     std_rad: float
-
-    @property
-    def is_known(self) -> bool:
-        """Whether the motion tells the heading."""
-        return self.std_rad < 1.0
+    is_known: bool = True
+    """Whether the motion tells the heading; it may be any otherwise."""
 
 
 @dataclass(frozen=True)
@@ -235,7 +233,7 @@ def _start(
 ) -> InitialState:
     """Return the initial state from the first readings, the first picture and the heading that was found."""
     positions, first = readings.w_p_b_m, adjustments.start
-    heading = adjustments.heading or StartHeading(0.0, _YAW_STD_RAD if positions is not None else 0.0)
+    heading = adjustments.heading or StartHeading(0.0, START_YAW_STD_RAD if positions is not None else 0.0)
     w_R_b, tilt_std = _first_rotation(readings, start_s, trust.tilt_error_rad, heading.yaw_rad)
     height_m, height_std_m = _first_height(flight, readings, start_s, first)
     # Pictures are to overlap, so that a vehicle moves as many heights a second however high it flies.
@@ -264,14 +262,15 @@ def _start(
 
 
 def _first_place(flight: Flight, readings: Readings, w_R_b: Array) -> tuple[tuple[float, float], float]:
-    """Return the place of the body's origin at the start, and its standard deviation."""
+    """Return the place (x, y) of the body's origin at the start in metres, and its standard deviation along
+    each axis; ``w_R_b`` (3, 3) is the rotation there."""
     positions = readings.w_p_b_m
     if positions is None:
         return (0.0, 0.0), 0.0
     assert flight.gps is not None
     b_p_antenna_m = flight.gps.b_T_s[:3, 3]
     x, y, _ = triple(positions.values[0] - w_R_b @ b_p_antenna_m)
-    # The heading may be any.
+    # The heading may be any, and turns the lever of the antenna: its whole length is uncertain.
     return (x, y), float(np.hypot(positions.std[0], np.linalg.norm(b_p_antenna_m)))
 
 

@@ -30,7 +30,8 @@ _MEAN_S = 0.25
 _LONGEST_CHANGE_S = 1.5
 """Over longer times the IMU's errors of tilt add up to more than vehicles accelerate."""
 _LONGEST_GAP_S = 60.0
-"""Gap of the IMU beyond which nothing is left of its motion, and a day would fill the memory."""
+"""Longest gap of the IMU that steps bridge. Beyond it nothing is left of the motion, and the steps of a day
+would fill the memory."""
 _LEAST_CHANGES = 40
 """Fewer changes of velocity do not show a clock surely."""
 

@@ -38,7 +38,7 @@ TRAJECTORY_NAMES = ("dead reckoning on board", "filter", "smoothed")
 MOST_POSES = 200_000
 CONTRADICTION_FACTOR = 100.0
 """Factor on the nominal noise that counts as a contradiction. A few are usual; vibration gives thirty."""
-_IMPLAUSIBLE = 5.0
+_IMPLAUSIBLE_SIGMAS = 5.0
 """Standard deviations of an offset that no working sensor has."""
 _LEAST_PAUSE_S, _LEAST_LOSS_M = 1.0, 1.0
 """Pause that filters of an instrument never cause, and uncertainty of a position that a track may do with."""
@@ -220,8 +220,8 @@ def _unobserved(inputs: FilterInput, position_std_m: float) -> list[str]:
 
 def _lost_in_pauses(inputs: FilterInput, at_s: Array, position_std_m: Array) -> list[str]:
     """Return a message where a pause of all instruments of the motion causes most of the position's error."""
-    held = (inputs.readings.gyro_rad_s, inputs.readings.velocity_m_s, inputs.readings.w_p_b_m)
-    stamps_s = np.unique(np.concatenate([series.stamps_s for series in held if series is not None]))
+    motion = (inputs.readings.gyro_rad_s, inputs.readings.velocity_m_s, inputs.readings.w_p_b_m)
+    stamps_s = np.unique(np.concatenate([series.stamps_s for series in motion if series is not None]))
     gaps = np.flatnonzero(np.diff(stamps_s) > _LEAST_PAUSE_S)
     lost = []
     for last_s, next_s in zip(stamps_s[gaps].tolist(), stamps_s[gaps + 1].tolist(), strict=True):
@@ -278,7 +278,7 @@ def _implausible_offsets(states: States, trust: InertialTrust) -> list[str]:
         ("accel_offset", "accelerometer", "m/s²", trust.accel_offset_m_s2),
     ):
         largest = float(np.abs(states.errors[name][-1]).max())
-        if largest > _IMPLAUSIBLE * usual:
+        if largest > _IMPLAUSIBLE_SIGMAS * usual:
             messages.append(
                 f"the {words} and the other instruments contradict each other (it would be off by "
                 f"{largest:.2g} {unit}, {usual:g} is usual); check their axes, units and stamps"

@@ -148,7 +148,10 @@ def _ideal_candidates(flight: Flight, trust: InertialTrust) -> list[dict[str, fl
 
 
 class _Trial:
-    """Runs of the filter over a part of one flight, with candidate parameters."""
+    """Runs of the filter over a part of one flight, with candidate parameters.
+
+    ``starts_anywhere``: whether the part may begin where the vehicle moves most, not only at the start.
+    """
 
     def __init__(
         self,

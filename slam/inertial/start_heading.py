@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from backend.errors import BackendError
 from slam.core.rotations import roll_pitch_yaw_of
-from slam.inertial.filter_input import Adjustments, StartHeading, filter_input
+from slam.inertial.filter_input import START_YAW_STD_RAD, Adjustments, StartHeading, filter_input
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.start_height import START_ROUNDS, likelihood_of
 from slam.inertial.zero_velocity import RestWindows
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _HEADINGS_RAD = np.arange(12) * np.pi / 6
-"""Headings that are tried, so close that the best one is at most half a deviation of the start off."""
-_START_STD_RAD = 0.5
+"""Headings that are tried, so close that the best one is off by half of `START_YAW_STD_RAD` at most."""
 _UNKNOWN_STD_RAD = np.pi / np.sqrt(3)
 """Standard deviation of an angle that may be any."""
 _SIGNIFICANT_NATS = 3.0
@@ -46,7 +45,8 @@ def find_start_heading(flight: Flight, trust: InertialTrust, lasts_s: float) -> 
     scores, ends_rad = np.full(len(_HEADINGS_RAD), -np.inf), np.zeros(len(_HEADINGS_RAD))
     for k, heading_rad in enumerate(_HEADINGS_RAD.tolist()):
         try:
-            found = _tracked(flight, trust, StartHeading(heading_rad, _START_STD_RAD), lasts_s, rounds=0)
+            start = StartHeading(heading_rad, START_YAW_STD_RAD)
+            found = _tracked(flight, trust, start, lasts_s, rounds=0)
         except BackendError:
             continue
         scores[k], ends_rad[k] = likelihood_of(found), _yaw_rad(found.filtered.w_T_b[-1])
@@ -54,11 +54,11 @@ def find_start_heading(flight: Flight, trust: InertialTrust, lasts_s: float) -> 
     off_rad = np.abs(np.angle(np.exp(1j * (ends_rad - ends_rad[best]))))
     rivals = scores[off_rad > 1.5 * _HEADINGS_RAD[1]]
     if not scores[best] > rivals.max(initial=-np.inf) + _SIGNIFICANT_NATS:
-        return StartHeading(0.0, _UNKNOWN_STD_RAD)
-    start = StartHeading(float(_HEADINGS_RAD[best]), _START_STD_RAD)
+        return StartHeading(0.0, _UNKNOWN_STD_RAD, is_known=False)
+    start = StartHeading(float(_HEADINGS_RAD[best]), START_YAW_STD_RAD)
     smoothed = _tracked(flight, trust, start, lasts_s, START_ROUNDS).smoothed
     assert smoothed is not None
-    return StartHeading(_yaw_rad(smoothed.w_T_b[0]), _START_STD_RAD)
+    return StartHeading(_yaw_rad(smoothed.w_T_b[0]), START_YAW_STD_RAD)
 
 
 def _tracked(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -95,26 +96,24 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
 
 
 def _without_gaps(streams: list[Array], begin_s: float, end_s: float) -> list[Array]:
-    """Return the times at which velocities are compared, in pieces between the gaps of all streams.
+    """Return the times at which velocities are compared, in pieces (k,) between the gaps of all streams.
+
+    ``streams`` are the stamps of each, in order; ``begin_s`` and ``end_s`` bound the times.
 
     Over a gap of a window the change of one velocity has nothing to do with that of the other.
     """
-    lasts, nexts = [begin_s], [end_s]
+    begins_s, ends_s = [], []
     for stamps_s in streams:
         lost = np.flatnonzero(gaps(stamps_s, _WINDOW_S / 2))
-        lasts += stamps_s[lost + 1].tolist()
-        nexts += stamps_s[lost].tolist()
-    edges_s = np.unique(np.clip([*lasts, *nexts], begin_s, end_s))
+        begins_s.append(stamps_s[lost])
+        ends_s.append(stamps_s[lost + 1])
+    gap_begins_s, gap_ends_s = np.concatenate(begins_s), np.concatenate(ends_s)
+    edges_s = np.unique(np.clip([begin_s, end_s, *gap_begins_s, *gap_ends_s], begin_s, end_s))
     pieces = []
-    for first_s, last_s in zip(edges_s[:-1].tolist(), edges_s[1:].tolist(), strict=True):
+    for first_s, last_s in pairwise(edges_s.tolist()):
         middle_s = (first_s + last_s) / 2
-        is_gap = any(
-            bool(gaps(stamps_s, _WINDOW_S / 2)[k - 1])
-            for stamps_s in streams
-            for k in (int(np.searchsorted(stamps_s, middle_s)),)
-            if 0 < k < len(stamps_s)
-        )
-        if not is_gap and last_s - first_s > _WINDOW_S:
+        in_gap = bool(((gap_begins_s < middle_s) & (middle_s <= gap_ends_s)).any())
+        if not in_gap and last_s - first_s > _WINDOW_S:
             pieces.append(np.arange(first_s, last_s, _STEP_S))
     return pieces
 

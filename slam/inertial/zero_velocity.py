@@ -100,7 +100,7 @@ class RestWindows:
 
     @property
     def any_motion(self) -> bool:
-        """Whether the vehicle moves at all."""
+        """Whether the vehicle moves at all; True without an IMU, where nothing is known."""
         return len(self.rests) == 0 or not self.rests.all()
 
     def moves_at(self, stamps_s: Array) -> Mask:

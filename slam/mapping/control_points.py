@@ -147,7 +147,7 @@ def _sigmas(point: ControlPoint, place: LocatedPoint, scale: float) -> float:
     return float(np.sqrt(off @ np.linalg.solve(covariance, off)))
 
 
-def _common(rows: Sequence[PointResidual]) -> tuple[Array, Array]:
+def _mean_residual(rows: Sequence[PointResidual]) -> tuple[Array, Array]:
     """Return the mean residual (3,) of points, NaN along an axis that none has, and its standard deviations.
 
     Most of a residual's deviation is that of the map's place, which all of them share: a mean of many is
@@ -193,7 +193,7 @@ class ControlVerdict:
             compared = [k for k, row in enumerate(rows) if row in report.checks]
             if not compared:
                 return report
-            offset_m, std_m = _common([rows[k] for k in compared])
+            offset_m, std_m = _mean_residual([rows[k] for k in compared])
             datum_m = max(self.points[k].told.datum_std_m for k in compared)
             std_m = np.hypot(std_m, [datum_m, datum_m, 0.0])
         altitudes = [self.points[k].told.altitude_m for k in compared]

@@ -188,5 +188,6 @@ def _below_sea(reference: Any) -> bool:
 
 
 def _flag(value: Any) -> float:
+    """Return the number of a flag; -1, which none has, without one."""
     found = number(value)
     return -1.0 if found is None else found

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 _PAUSE = 10.0
 """Time between two fixes, over the median, from which on the vehicle may have landed in between."""
+_PARAMETERS = 4
+"""Level and two slopes of the map, and the size of the course."""
 _LEAST_LEFT = 4
 """Altitudes beyond the parameters, for a standard deviation."""
 
@@ -39,9 +41,11 @@ class AltitudesOnMap:
 
 
 def altitude_course(altitudes: AltitudesOnMap, nominal_m: float) -> str:
-    """Return how the altitudes drift or step against the map by surely more than ``nominal_m``, if so."""
+    """Return how the altitudes drift or step against the map by surely more than ``nominal_m``; empty
+    where they do not."""
     n = len(altitudes.up_m)
-    if n < 4 + _LEAST_LEFT:
+    dof = n - _PARAMETERS
+    if dof < _LEAST_LEFT:
         return ""
     centred = altitudes.w_p_m - altitudes.w_p_m.mean(axis=0)
     plane = np.column_stack([np.ones(n), centred / max(float(np.abs(centred).max()), 1e-9)])
@@ -50,9 +54,9 @@ def altitude_course(altitudes: AltitudesOnMap, nominal_m: float) -> str:
         if np.linalg.matrix_rank(J) < J.shape[1]:
             continue
         parameters = np.linalg.lstsq(J, altitudes.up_m, rcond=None)[0]
-        variance = float(np.sum((altitudes.up_m - J @ parameters) ** 2)) / (n - 4)
+        variance = float(np.sum((altitudes.up_m - J @ parameters) ** 2)) / dof
         size_m, size_std_m = float(parameters[-1]), float(np.sqrt(variance * np.linalg.inv(J.T @ J)[-1, -1]))
-        if abs(size_m) > nominal_m + size_std_m * np.sqrt(f_limit(FALSE_ALARM, 1, n - 4)):
+        if abs(size_m) > nominal_m + size_std_m * np.sqrt(f_limit(FALSE_ALARM, 1, dof)):
             return _line(size_m, altitudes.names, first)
     return ""
 

@@ -34,7 +34,8 @@ class FixComparison:
     stamps_s: Array
     """(m,) times of the keyframes."""
     moved_m: Array | None = None
-    """(n,) how far the map moved since the fix that each repeats, 0 for no repeats; None before a map."""
+    """(n,) how far the map moved since the fix that each repeats, NaN for fixes that count; None where it was
+    not compared for repeats."""
 
     def without_repeats(self, w_T_b: Array, metric: bool) -> FixComparison:
         """Return the comparison that leaves out the fixes that repeat a place while the level, unplaced poses
@@ -45,7 +46,7 @@ class FixComparison:
     @property
     def stale(self) -> NDArray[np.bool_]:
         """(n,) which fixes repeat a place while the pictures move: they are not compared."""
-        return np.zeros(len(self.fixes), bool) if self.moved_m is None else self.moved_m > 0
+        return np.zeros(len(self.fixes), bool) if self.moved_m is None else np.isfinite(self.moved_m)
 
     def refined(self, offset_m: Array, antenna_m: Array) -> FixComparison:
         """Return the comparison of fixes less an offset (3,) they share, for an estimated antenna (3,)."""

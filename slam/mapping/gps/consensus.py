@@ -71,7 +71,6 @@ def rough_agreement(
     there_m: Array,
     metric: bool,
     nominal_std_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    seed: int = 0,
 ) -> Agreement:
     """Compare the fixes ``there_m`` (n, 3) with a level, unplaced map ``here_m`` (n, 3) up to a similarity.
 
@@ -79,12 +78,10 @@ def rough_agreement(
     """
     n = len(here_m)
     everything = Agreement(np.ones(n, bool), np.ones(n, bool), np.full((n, 3), np.nan))
-    known = np.flatnonzero(np.isfinite(here_m[:, :2]).all(axis=1) & np.isfinite(there_m[:, :2]).all(axis=1))
+    known, a, b = _level_places(here_m, there_m)
     if len(known) < LEAST_FIXES:
         return everything
-    a = here_m[known, 0] + 1j * here_m[known, 1]
-    b = there_m[known, 0] + 1j * there_m[known, 1]
-    rng, height = np.random.default_rng(seed), float(np.nanmedian(here_m[known, 2]))
+    rng, height = np.random.default_rng(0), float(np.nanmedian(here_m[known, 2]))
     # Where a majority agrees, there is no half: the next fix lies as near as those of the half.
     fit = agreeing_half(a, b, metric, nominal_limit_m(nominal_std_m), height, rng)
     fit = fit or _majority(a, b, metric, rng)
@@ -120,15 +117,22 @@ def _majority(
     return SimilarityFit(turn, shift, BENT_MAP * _small_sample(len(a), 2) * median_m / MEDIAN_OF_RAYLEIGH)
 
 
-def rough_turn(here_m: Array, there_m: Array, metric: bool, seed: int = 0) -> complex | None:
+def _level_places(
+    here_m: Array, there_m: Array
+) -> tuple[NDArray[np.int64], NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return the rows (k,) with both places known, and x + iy of both places there, each (k,)."""
+    known = np.flatnonzero(np.isfinite(here_m[:, :2]).all(axis=1) & np.isfinite(there_m[:, :2]).all(axis=1))
+    a, b = (places_m[known, 0] + 1j * places_m[known, 1] for places_m in (here_m, there_m))
+    return known, a, b
+
+
+def rough_turn(here_m: Array, there_m: Array, metric: bool) -> complex | None:
     """Return rotation and scale of the similarity that takes level places ``here_m`` (n, 3) to the fixes
     ``there_m`` (n, 3), the least median of squares; None for fewer than two, or without any extent."""
-    known = np.isfinite(here_m[:, :2]).all(axis=1) & np.isfinite(there_m[:, :2]).all(axis=1)
-    if known.sum() < 2:
+    known, a, b = _level_places(here_m, there_m)
+    if len(known) < 2:
         return None
-    a = here_m[known, 0] + 1j * here_m[known, 1]
-    b = there_m[known, 0] + 1j * there_m[known, 1]
-    fit = _majority(a, b, metric, np.random.default_rng(seed))
+    fit = _majority(a, b, metric, np.random.default_rng(0))
     return None if fit is None else fit.turn
 
 
@@ -143,9 +147,9 @@ def exact_agreement(
     """Compare fixes with a refined map that stands where they have put it.
 
     ``off_m`` (n, 3) is fix minus map, NaN where either is missing. The nominal deviations are those of all
-    fixes (3,), or of each (n, 3). ``map_std_m`` (n, 3) are standard
-    deviations of the map at fixes that it does not use, and 0 at the others. A fix that is not used is not
-    called back where the map's deviation is unknown (NaN).
+    fixes (3,), or of each (n, 3). ``map_std_m`` (n, 3) are standard deviations of the map at fixes that it
+    does not use, and 0 at the others. A fix that is not used is not called back where the map's deviation is
+    unknown (NaN).
     """
     n = len(off_m)
     used, altitude_used = np.ones(n, bool), np.ones(n, bool)

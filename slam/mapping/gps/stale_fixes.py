@@ -19,18 +19,17 @@ from slam.mapping.gps.consensus import STATED_SIGMAS, nominal_limit_m, rough_tur
 from slam.mapping.gps.messages import too_many
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 def moved_since_m(
     here_m: Array, there_m: Array, metric: bool, nominal_std_m: tuple[float, float, float]
 ) -> Array:
-    """Return how far the map moved since the fix that each (n,) repeats; 0 for those that are no repeats.
+    """Return how far the map moved since the fix that each (n,) repeats, in metres; NaN for fixes that count.
 
     ``here_m`` (n, 3) is the level, unplaced map at the fixes ``there_m`` (n, 3) in order of time; NaN marks
     what it does not cover. Where the map moves less during a run than a fix is uncertain, its fixes count.
     """
-    moved_m, std_m = np.zeros(len(there_m)), nominal_limit_m(nominal_std_m) / STATED_SIGMAS
+    moved_m, std_m = np.full(len(there_m), np.nan), nominal_limit_m(nominal_std_m) / STATED_SIGMAS
     fresh = np.append(True, (np.diff(there_m[:, :2], axis=0) != 0).any(axis=1))[: len(there_m)]
     if fresh.all():
         return moved_m
@@ -39,11 +38,9 @@ def moved_since_m(
         return moved_m
     first = np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))
     away_m = abs(turn) * np.linalg.norm(here_m[:, :2] - here_m[first, :2], axis=1)
-    longest_m = np.zeros(len(fresh))
-    np.fmax.at(longest_m, first, away_m)
-    stale = ~fresh & (longest_m[first] > std_m) & np.isfinite(away_m)
-    moved_m[stale] = np.maximum(away_m[stale], np.finfo(float).tiny)
-    return moved_m
+    farthest_m = np.zeros(len(fresh))
+    np.fmax.at(farthest_m, first, away_m)
+    return np.where(~fresh & (farthest_m[first] > std_m), away_m, np.nan)
 
 
 def stale_line(names: tuple[str, ...], moved_m: Array) -> str:
@@ -51,13 +48,13 @@ def stale_line(names: tuple[str, ...], moved_m: Array) -> str:
 
     ``moved_m`` is what `moved_since_m` returns.
     """
-    stale = np.flatnonzero(moved_m)
+    stale = np.flatnonzero(np.isfinite(moved_m))
     if not len(stale):
         return ""
     n = len(stale)
     line = (
         f"gps0: {n} of {len(names)} fixes {either(n, 'repeats', 'repeat')} the place of the one before to "
-        f"the last digit while the pictures move by up to {length(float(moved_m.max()))}, and "
+        f"the last digit while the pictures move by up to {length(float(moved_m[stale].max()))}, and "
         f"{either(n, 'is', 'are')} not used: {listed([names[k] for k in stale], MOST_LISTED_FIXES)}"
     )
     if not too_many(n, len(names)):

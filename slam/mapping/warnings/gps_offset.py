@@ -11,7 +11,7 @@ from backend.quantiles import chi_square_limit
 from slam.core.control_points import ControlReport
 from slam.core.messages import Note
 from slam.core.names import enumerated
-from slam.core.units import length
+from slam.core.units import FOOT_M, length
 
 Array = NDArray[np.float64]
 
@@ -23,13 +23,13 @@ different continents: metres."""
 _LARGEST_UNDULATION_M = 106.0
 """Largest difference between heights over the ellipsoid and over the sea. Source: EGM2008."""
 _FACTORS = {
-    0.3048: "they fit if heights of the points are in feet: name the unit by a system of heights, such as "
+    FOOT_M: "they fit if heights of the points are in feet: name the unit by a system of heights, such as "
     "EPSG:2232+6360, or write metres",
-    1 / 0.3048: "they fit if heights of the points are in metres, not in feet: name a system of heights in "
+    1 / FOOT_M: "they fit if heights of the points are in metres, not in feet: name a system of heights in "
     "metres",
     -1.0: "they fit if heights of the points have the wrong sign",
 }
-"""Factor on heights of the points -> what makes it. Source of the foot: its definition of 1959."""
+"""Factor on heights of the points -> what makes it."""
 _OTHER_HEIGHTS = "check unit, sign and reference of both heights"
 
 

@@ -37,12 +37,10 @@ def checked_lengths(control: ControlReport) -> str:
         if surveyed_m <= longest_m:
             continue
         off = float(np.linalg.norm((q_m + off_q_m - p_m - off_p_m)[:2])) / surveyed_m - 1
-        longest_m, told = (
-            surveyed_m,
-            (
-                f"The longest distance between two of them, {length(surveyed_m)} from {one} to {other}, is "
-                f"{percent(abs(off))} {'longer' if off > 0 else 'shorter'} on the map."
-            ),
+        longest_m = surveyed_m
+        told = (
+            f"The longest distance between two of them, {length(surveyed_m)} from {one} to {other}, is "
+            f"{percent(abs(off))} {'longer' if off > 0 else 'shorter'} on the map."
         )
     return told
 

@@ -72,8 +72,8 @@ def not_evaluated(flight: Flight | None, control: ControlReport | None = None) -
 def checked_by_points(control: ControlReport) -> Evaluated:
     """Return the comparison of a map with its check points."""
     lengths = checked_lengths(control)
-    told = f"{off_check_points(control)}{' ' * bool(lengths)}{lengths} The table below has each point."
-    return Evaluated(told, checks_lengths=bool(lengths))
+    sentences = (off_check_points(control), lengths, "The table below has each point.")
+    return Evaluated(" ".join(filter(None, sentences)), checks_lengths=bool(lengths))
 
 
 def evaluated(evaluation: Evaluation) -> Evaluated:

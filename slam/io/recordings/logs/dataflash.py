@@ -33,6 +33,8 @@ DESCRIPTION = "an ArduPilot log"
 MARKS = b"\xa3\x95"
 _FMT = 128
 _US_PER_MS = 1000
+_CENTIVOLT = 0.01
+_TAKEN_AS_DOWN = Note("the log does not state where the sensor looks: taken as facing down")
 _INSTANCES = ("I", "Instance", "Inst")
 """Names of the field that distinguishes several sensors of one kind."""
 _CODES: dict[str, tuple[str, float]] = {
@@ -157,21 +159,17 @@ def _range(fields: Fields) -> Converted:
 
 
 def _older_range(fields: Fields) -> Converted:
-    """The oldest logs do not state where the sensor looks."""
+    """Return the ranges of logs before ``Dist``."""
     range_m = column(fields, "Dist1")
-    if "Orient1" not in fields:
+    if "Orient1" not in fields:  # the oldest logs do not state where the sensor looks
         return np.where(range_m > 0, range_m, np.nan)[:, None], (_TAKEN_AS_DOWN,)
     return field_values.only_down(range_m, column(fields, "Orient1") == field_values.DOWN, range_m > 0)
 
 
 def _voltage(fields: Fields) -> Converted:
-    """Before ArduPilot 3.3 it is an integer, in hundredths of a volt."""
+    """Return the voltage; before ArduPilot 3.3 it is an integer, in hundredths of a volt."""
     volt = column(fields, "Volt")[:, None]
     return (volt * _CENTIVOLT if fields["Volt"].dtype.kind in "iu" else volt), ()
-
-
-_TAKEN_AS_DOWN = Note("the log does not state where the sensor looks: taken as facing down")
-_CENTIVOLT = 0.01
 
 
 _GOOD = 4

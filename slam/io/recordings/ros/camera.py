@@ -111,8 +111,9 @@ def picture_of(message: Message) -> Raw | bytes:
     return data
 
 
-def is_without_meaning(message: Message) -> bool:
-    """Return whether the encoding of a picture tells its samples only, as those of heat and of depths do."""
+def tells_samples_only(message: Message) -> bool:
+    """Return whether the encoding of a picture tells its samples only, not what they measure: heat, or depths
+    as well."""
     return getattr(message, "encoding", "") == "16UC1"
 
 
@@ -138,7 +139,7 @@ def is_picture(message: Message, topic: str) -> bool:
     of 16 bits without a meaning are heat, or depths by the name of their topic.
     """
     if hasattr(message, "encoding"):
-        is_depth = is_without_meaning(message) and any(word in topic.lower() for word in _DEPTH_WORDS)
+        is_depth = tells_samples_only(message) and any(word in topic.lower() for word in _DEPTH_WORDS)
         return ros_pixels.is_known(message.encoding) and not is_depth
     code = message.format.lower()
     is_named = any(word in code for word in ("jpeg", "jpg", "png"))

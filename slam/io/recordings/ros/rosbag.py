@@ -139,7 +139,7 @@ def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
             rows=rows,
             reading=f"{brief(encoding, 40)}{mount}",
             rank=len(IMAGE_KINDS) * (bag.camera_info(topic) is None) + IMAGE_KINDS.index(kind),
-            is_indirect=ros_camera.is_without_meaning(first),
+            is_indirect=ros_camera.tells_samples_only(first),
             look=look,
             is_declared=b_T_c is not None,
             device=ros_camera.device_of(topic),

@@ -11,12 +11,13 @@ import numpy as np
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import InputError
+from slam.core.units import FOOT_M
 from slam.io.files import brief, refusal
 
-_FOOT, _KMH, _MPH, _KNOT = 0.3048, 1 / 3.6, 0.44704, 1852 / 3600
+_KMH, _MPH, _KNOT = 1 / 3.6, 0.44704, 1852 / 3600
 _DEG = np.pi / 180
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": _FOOT}
+_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": FOOT_M}
 _ANGLE = {"rad": 1.0, "deg": _DEG}
 _POSITION = {"deg": 1.0, "rad": 1 / _DEG, "degE7": 1e-7, "": 1.0}
 _RATE = {"rad/s": 1.0, "deg/s": _DEG}

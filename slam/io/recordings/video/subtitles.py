@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.geodesy import position_fault
+from slam.core.units import FOOT_M
 
 Array = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ _HEIGHT = re.compile(rf"(?:BAROMETER\s*[:(]|\bHb\s*:|[, ]H\s)\s*({_NUMBER})")
 _GIMBAL = re.compile(rf"G\.PRY\s*\(\s*({_NUMBER})\D*?,\s*({_NUMBER})\D*?,\s*({_NUMBER})")
 _EIS = re.compile(r"\[eis:\s*(\w+)\]", re.IGNORECASE)
 _NOT_STABILISED = ("close", "closed", "off", "none")
-_FACTORS = {"s": -1.0, "w": -1.0, "ft": 0.3048}
+_FACTORS = {"s": -1.0, "w": -1.0, "ft": FOOT_M}
 """Factor of a number by the letter beside it: south and west are negative, feet become metres."""
 _KEYS = {
     "latitude": "latitude",
