@@ -220,13 +220,14 @@ def _position_noise(
     high = off[np.isfinite([p.std_m[2] for p in measurements.positions]), 2:]
 
     stated = _stated_position_noise(measurements)
+    of_one_accuracy = over.max(axis=0) < 1 + 1e-6  # interpolation between fixes rounds
 
     def level(off: Array, axis: int, absorbed: Array) -> float:
         found = robust_autocorrelated_std(off) * redundancy_factor(off.size, absorbed)
         least = float(stated[axis])
-        # Of fixes that differ much, many coarse ones that are better than they state say nothing of the
-        # others. Else the residuals count, as far as they can show it.
-        if over[:, axis].max() < 1 + 1e-6:
+        # Residuals below the stated accuracy count, as far as they can show it. Where fixes differ, many
+        # coarse ones that are better than they state would say so of the fine ones too.
+        if of_one_accuracy[axis]:
             least = min(least, least_std(float(before[axis]), off.size, absorbed))
         return max(found, least) + 1e-3
 

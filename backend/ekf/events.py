@@ -78,14 +78,12 @@ def _without_values(kind: int, stamps_s: Array) -> _Part:
 def _gap_times(stamps_s: Array) -> Array:
     """Return times inside gaps between stamps, at most the largest step apart in all but very long ones."""
     known = np.unique(stamps_s)
-    gaps = np.flatnonzero(np.diff(known) > _MAX_STEP_S)
+    lengths_s = np.diff(known)
+    gaps = np.flatnonzero(lengths_s > _MAX_STEP_S)
+    steps = np.minimum(np.ceil(lengths_s[gaps] / _MAX_STEP_S), _MOST_STEPS).astype(int)
     between = [
-        np.linspace(known[g], known[g + 1], steps + 1)
-        for g, steps in zip(
-            gaps.tolist(),
-            np.minimum(np.ceil(np.diff(known)[gaps] / _MAX_STEP_S), _MOST_STEPS).astype(int).tolist(),
-            strict=True,
-        )
+        np.linspace(known[g], known[g + 1], count + 1)
+        for g, count in zip(gaps.tolist(), steps.tolist(), strict=True)
     ]
     return np.concatenate([inner[1:-1] for inner in between]) if between else np.zeros(0)
 

@@ -260,7 +260,6 @@ def _initial_state(start: InitialState, model: FilterModel, size: int) -> Filter
     C[at.ROT : at.RATE, at.ROT : at.RATE] = R.T @ np.diag(about_world) @ R
     # The state of the IMU follows from that of the body's origin.
     x[:3] += R @ model.b_p_imu_m
-    moved = np.eye(size)
-    moved[at.POS : at.VEL, at.ROT : at.RATE] = -R @ se3.cross_matrix(np.array(model.b_p_imu_m))
-    moved[at.VEL : at.ACC, at.RATE : at.ATTITUDE_ERROR] = -R @ se3.cross_matrix(np.array(model.b_p_imu_m))
-    return FilterState(x, np.zeros(size), moved @ C @ moved.T, np.full((kinds.CLONE + 1, 6), math.inf))
+    J, by_turn = np.eye(size), -R @ se3.cross_matrix(np.array(model.b_p_imu_m))
+    J[at.POS : at.VEL, at.ROT : at.RATE] = J[at.VEL : at.ACC, at.RATE : at.ATTITUDE_ERROR] = by_turn
+    return FilterState(x, np.zeros(size), J @ C @ J.T, np.full((kinds.CLONE + 1, 6), math.inf))

@@ -112,15 +112,21 @@ def at_range_end(values: Array) -> NDArray[np.bool_]:
 def clipped_share(values: Array) -> float:
     """Return the share of readings (n, c), in the sensor's axes, at an end of its range: the largest of a
     channel."""
+    return _largest_share(at_range_end(values), values)
+
+
+def _largest_share(at_end: NDArray[np.bool_], values: Array) -> float:
+    """Return the largest share of a channel of readings (n, c) that are ``at_end`` (n, c)."""
     known = np.maximum(np.isfinite(values).sum(axis=0), 1)
-    return float(np.max(at_range_end(values).sum(axis=0) / known, initial=0.0))
+    return float(np.max(at_end.sum(axis=0) / known, initial=0.0))
 
 
 def clipping_anomalies(imu: Imu) -> list[str]:
     """Return a line for accelerometer and gyro each, if its readings are at the end of its range."""
     lines = []
     for name, values in (("accelerometer", imu.accel_m_s2), ("gyro", imu.gyro_rad_s)):
-        share, count = clipped_share(values), int(at_range_end(values).any(axis=1).sum())
+        at_end = at_range_end(values)
+        share, count = _largest_share(at_end, values), int(at_end.any(axis=1).sum())
         if count == 0:
             continue
         many = f"{100 * share:.0f} %" if share > SATURATED_SHARE else f"{count}"

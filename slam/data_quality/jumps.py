@@ -73,7 +73,7 @@ def jumps(flight: Flight) -> list[Jump]:
     for kind, seen in comparisons(flight):
         if kind == "height":
             continue  # a floor may have steps
-        times_s, changes = _changes(seen, np.sort(wrong_s, axis=1))
+        times_s, changes = _changes(seen, wrong_s)
         if len(times_s) < FEWEST:
             continue
         for channel, unit, scale, part in _channels(kind, changes):
@@ -126,7 +126,8 @@ def _changes(seen: IntegralComparison, wrong_s: Array) -> tuple[Array, Array]:
     inner = slice(beside, max(len(times_s) - beside, beside))
     changes = steps[inner] - 0.5 * (steps[2 * beside :] + steps[: max(len(steps) - 2 * beside, 0)])
     reach_s = 2.0 * NODE_S + LONGEST_GAP_S
-    begun = np.searchsorted(wrong_s[0], times_s[inner] + reach_s)
-    ended = np.searchsorted(wrong_s[1], times_s[inner] - reach_s)
+    begins_s, ends_s = np.sort(wrong_s, axis=1)
+    begun = np.searchsorted(begins_s, times_s[inner] + reach_s)
+    ended = np.searchsorted(ends_s, times_s[inner] - reach_s)
     known = np.isfinite(changes).all(axis=1) & (begun == ended)
     return times_s[inner][known], changes[known]

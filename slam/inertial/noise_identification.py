@@ -104,7 +104,8 @@ def identify_noise(
         found = _best_candidate(trial, trust, found, name, "noise_factor", _NOISE_FACTORS)
     found = replace(found, noise_factor={**found.noise_factor, **correlated.noise_factor})
     best = trial.likelihood(trust, found)
-    for parameters in _ideal_candidates(flight, trust) if trial.rest.any_motion else ():
+    candidates = _ideal_candidates(flight, trust) if trial.rest.any_motion else []
+    for parameters in candidates:
         ideal = replace(trust, **parameters)
         likelihood = trial.likelihood(ideal, found)
         if likelihood > best + SIGNIFICANT_NATS:

@@ -67,8 +67,10 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
     known = np.isfinite(velocity.v_m_s).all(axis=1)
     inputs = filter_input(replace(flight, velocity=None), trust)
     read_s = velocity.stamps_s[known]
-    begin_s, end_s = max(inputs.start_s, read_s[0]) if known.any() else np.inf, inputs.end_s
-    pieces = _without_gaps([imu.stamps_s, read_s], begin_s, min(end_s, read_s[-1])) if begin_s < end_s else []
+    if len(read_s) == 0:
+        return ""
+    begin_s, end_s = max(inputs.start_s, read_s[0]), min(inputs.end_s, read_s[-1])
+    pieces = _without_gaps([imu.stamps_s, read_s], begin_s, end_s) if begin_s < end_s else []
     at_s, ends = np.concatenate([[], *pieces]), np.cumsum([len(piece) for piece in pieces])[:-1]
     if len(at_s) < 2 * _WINDOW_S / _STEP_S:
         return ""
@@ -98,9 +100,8 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
 def _without_gaps(streams: list[Array], begin_s: float, end_s: float) -> list[Array]:
     """Return the times at which velocities are compared, in pieces (k,) between the gaps of all streams.
 
-    ``streams`` are the stamps of each, in order; ``begin_s`` and ``end_s`` bound the times.
-
-    Over a gap of a window the change of one velocity has nothing to do with that of the other.
+    Over a gap of a window the change of one velocity has nothing to do with that of the other. ``streams``
+    are the stamps of each, in order; ``begin_s`` and ``end_s`` bound the times.
     """
     begins_s, ends_s = [], []
     for stamps_s in streams:

@@ -47,10 +47,10 @@ def reprojection_score(
 ) -> LikelihoodScore:  # fmt: skip
     """Return score and information of the perturbations, 0 for those that pictures cannot show.
 
-    Pictures are those on a ``path``, by default all.
+    Only the pictures on the ``path`` count; without a path, all do.
     """
     along = camera_path(record, matches, parameters) if path is None else path
-    faint = [_FAINT * (d.kind in ("camera", "picture")) for d in directions]
+    faint = [_FAINT if d.kind in ("camera", "picture") else 0.0 for d in directions]
     return (
         _points(_Scene.of(matches, parameters, along), directions)
         + photometric_score(matches, parameters.camera, along, directions)
@@ -233,16 +233,16 @@ def reprojection_errors(
     if not seen:
         return ()
 
-    def square_px(it: tuple[int, FilterParameters]) -> tuple[float, int]:
+    def square_px(fit: tuple[Record, FilterParameters]) -> tuple[float, int]:
         """Return the mean square error of one coordinate of a match, and the number of coordinates."""
-        record, matches = records[it[0]], records[it[0]].matches
-        assert matches is not None
-        found = reprojection_score(record, matches, it[1], ())
+        record, parameters = fit
+        assert record.matches is not None
+        found = reprojection_score(record, record.matches, parameters, ())
         # Residuals are weighed by their own noise, which differs little from match to match.
-        return found.chi_square / max(found.rows, 1) * float(np.mean(matches.std_px**2)), found.rows
+        return found.chi_square / max(found.rows, 1) * float(np.mean(record.matches.std_px**2)), found.rows
 
-    tried = [(k, side[k]) for side in (before, after) for k in seen]
-    squares, count = np.reshape(in_threads(square_px, tried), (2, len(seen), 2)).T
+    fits = [(records[k], side[k]) for side in (before, after) for k in seen]
+    squares, count = np.reshape(in_threads(square_px, fits), (2, len(seen), 2)).T
     if not count.any(axis=0).all():
         return ()
     rms = np.sqrt(np.average(squares, axis=0, weights=count)).tolist()

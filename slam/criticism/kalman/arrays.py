@@ -159,7 +159,7 @@ class StepBuffers(NamedTuple):
     middle_noise: Array
     """(8,) noise in the middle of the step."""
     work: Array
-    """(n, columns) buffer of a product with the transition: of covariances or of all that a step carries."""
+    """(n, columns) buffer of the product of the transition and any matrix that a step carries."""
     late_stick_noise: Array
     """(10,) root of the variance that a late jump of the stick adds to the state, ..."""
     contact_variance: Array

@@ -258,7 +258,7 @@ def _zeros(*shapes: int | tuple[int, ...]) -> list[Array]:
 def workspace_for(
     n: int, m: int, columns: int
 ) -> tuple[arrays.StepBuffers, arrays.PredictedReading, arrays.PerturbationBuffers, arrays.Scratch]:
-    """Return a run's buffers for n states and m perturbations; a step carries up to some ``columns``."""
+    """Return a run's buffers for n states and m perturbations; a step carries at most ``columns`` columns."""
     return (
         arrays.StepBuffers(
             *_zeros(FULL, (MOVING, n), (n, n), (n, n), FULL, NOISES, (n, columns), MOVING, MOVING)
@@ -280,7 +280,7 @@ def filter_run(
 
     Its outputs for readings with sensitivities are still empty.
     """
-    if not record.shows_heading:
+    if not record.shows_heading:  # no process noise of a heading that no instrument shows
         noises = [replace(p, hold=np.where(np.arange(len(HOLD)) == TURN_STD, 0.0, p.hold)) for p in noises]
     parameters, *changed = noises
     first_step, _, step_s = record.steps
@@ -288,7 +288,7 @@ def filter_run(
         record.times_s, record.kinds, record.values, record.elapsed, record.landing, first_step, step_s
     )
     table, command = _perturbed(record, parameters, perturbations, signals)
-    n = STATES + GUSTS * any(p.hold[GUST_STD] > 0 for p in noises)
+    n = STATES + (GUSTS if any(p.hold[GUST_STD] > 0 for p in noises) else 0)
     model = arrays.ModelArrays(
         parameters.dynamics, parameters.sensor, parameters.hold,
         (record.noise_std * parameters.noise_factor) ** 2, record.range_limits, parameters.jitter_s,
@@ -302,7 +302,7 @@ def filter_run(
         none, none, none, np.zeros(1, dtype=np.int64),
     )  # fmt: skip
     columns = max(n, m, len(changed), len(coloured.mean))
-    kept = events * keeps_history
+    kept = events if keeps_history else 0
     x, p, t = (kept, n), (kept, n, n), (kept, n, m)
     history = arrays.PathHistory(*_zeros(x, x, p, p, t, t, p))
     return arrays.FilterRun(

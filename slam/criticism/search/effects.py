@@ -1,9 +1,9 @@
 """Effects: each term of the catalogue as perturbations, or as a change of the process noise; and patterns.
 
 The equations are the simulator's. This file states which of their parameters are tried, the differences for
-their derivatives, and the meaning of a fitted value in the catalogue's units. In the bank of residual
-patterns that no term makes, signals (place, speed, tilt, stick, time) are led into each channel of the
-instruments, and into forces and targets of the equations.
+their derivatives, and the meaning of a fitted value in the catalogue's units. Residual patterns, which no
+term makes, inject signals (place, speed, tilt, stick, time) into each channel of the instruments, and into
+forces and targets of the equations.
 """
 
 from __future__ import annotations

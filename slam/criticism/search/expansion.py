@@ -201,7 +201,7 @@ class LikelihoodExpansion(QuadraticLikelihood):
 
 
 def most_alike_first(pairs: Iterable[tuple[str, str, float]]) -> tuple[tuple[str, str, float], ...]:
-    """Sort pairs by their correlation as told, equal ones by name: rounding errors change no order."""
+    """Sort pairs by their correlation as reported, equal ones by name: rounding errors change no order."""
     return tuple(sorted(pairs, key=lambda pair: (-round(pair[2], CORRELATION_DIGITS), pair[:2])))
 
 

@@ -96,9 +96,9 @@ def refit(
     share, trial = 1.0, parameters
     for _ in range(ITERATIONS):
         fisher = fisher_information(records, trial, effects, MEAN_NUISANCES)
-        about = QuadraticLikelihood(fisher, trial, model, MEAN_NUISANCES)
+        quadratic = QuadraticLikelihood(fisher, trial, model, MEAN_NUISANCES)
         loose = [e for e in effects if all(c in fisher.columns for c in e.columns)]
-        nats = about.nats_at_current(loose)
+        nats = quadratic.nats_at_current(loose)
         if best is not None and nats < best[0]:
             share *= 0.4
             if share < 0.05:
@@ -106,7 +106,7 @@ def refit(
         else:
             gained = np.inf if best is None else nats - best[0]
             best, share = (nats, trial), 1.0
-            maximum = about.maximise(loose)
+            maximum = quadratic.maximise(loose)
             if gained < ENOUGH_NATS:
                 break
         trial = best[1]
@@ -137,7 +137,7 @@ class BestCandidate:
 
 
 def best_candidate(
-    records: Sequence[Record], about: LikelihoodExpansion, chosen: Sequence[Effect],
+    records: Sequence[Record], expansion: LikelihoodExpansion, chosen: Sequence[Effect],
     ranked: Sequence[ScoreTest], tries: Tally,
 ) -> BestCandidate:  # fmt: skip
     """Fit each of the best of ``ranked`` beside the chosen terms, and choose the one that explains most.
@@ -150,10 +150,10 @@ def best_candidate(
     if ranked[0].effect.columns[0] in CAMERA:
         # Pictures are nearly linear: a candidate far below the best of one expansion is none.
         named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
-    base, _ = refit(records, about.model, about.parameters, chosen)
+    base, _ = refit(records, expansion.model, expansion.parameters, chosen)
     fitted: dict[ScoreTest, FilterParameters] = {}
     for test in tries.each(list(named.values())[:CANDIDATES]):
-        nats, parameters = refit(records, about.model, about.parameters, [*chosen, test.effect])
+        nats, parameters = refit(records, expansion.model, expansion.parameters, [*chosen, test.effect])
         fitted[replace(test, nats=nats - base)] = parameters
     alike = max(fit.worth for fit in fitted) - VERY_SIMILAR_NATS
     best = min((f for f in fitted if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
@@ -180,14 +180,14 @@ def ar1_effects(parameters: FilterParameters) -> tuple[Effect, ...]:
 
 
 def with_ar1_noise(
-    about: LikelihoodExpansion, chosen: Sequence[Effect], most_nats: float
+    expansion: LikelihoodExpansion, chosen: Sequence[Effect], most_nats: float
 ) -> FilterParameters | None:
     """Return an expansion's parameters with AR(1) noise; None where something else explains more.
 
     The parameters hold the ``chosen`` terms. ``most_nats`` is the gain of the best other explanation.
     Instruments of an out-of-model vehicle are not tested.
     """
-    model, passes = about.model, about.fisher.passes
+    model, passes = expansion.model, expansion.fisher.passes
     records = [run.record for run in passes]
     correlation, deviate = lag_one_correlation(passes)
     seen = [] if model.out_of_model else [n for n in AR1_COEFFICIENTS if _stands_out(n, correlation, deviate)]
@@ -195,7 +195,7 @@ def with_ar1_noise(
     if np.nansum(deviate[[c for n in seen for c in _channels(n)]] ** 2) < most_nats:
         return None
     while seen:
-        correlated = fit_nuisances(records, model, about.parameters, [*chosen, *map(_effect, seen)])
+        correlated = fit_nuisances(records, model, expansion.parameters, [*chosen, *map(_effect, seen)])
         correlated = without_small_ar1(correlated)
         gained = _gained(passes, correlated)
         kept = [n for n in seen if n.value_in(correlated) > 0.0 and _everywhere(gained[:, _channels(n)])]

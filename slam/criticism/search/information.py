@@ -116,7 +116,7 @@ class FisherInformation:
         every = [self] if self.shifted is None else [self, self.shifted]
         lefts = [segments.left_at(step)[:, free] for segments in every]
         between = plain @ np.mean([left.T @ left for left in lefts], axis=0) @ plain
-        # The fit takes its share of the scatter, and Hotelling's square has a mean above its degrees.
+        # The fit takes its share of the scatter; Hotelling's square has a mean above its degrees of freedom.
         between *= len(self.score) / max(len(self.score) - 1.0, 1.0)
         between *= (self.independent - 1.0) / max(self.independent - judged, 1.0)
         wider = np.sqrt(np.maximum(np.diag(between) / np.diag(plain), 1.0))
@@ -142,9 +142,10 @@ def fisher_information(
     before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
     # Where tails are heavy, squared innovations e^2 are less evidence of the variance: 2 over their variance.
     weight = np.ones(len(CHANNELS))
-    for channel in range(len(CHANNELS) if plain else 0):
-        cut = np.minimum(used_innovations(plain, channel) ** 2, CUT)
-        weight[channel] = 1.0 / max(float(np.var(cut)) / 2.0, 1.0) if len(cut) else 1.0
+    if plain:
+        for channel in range(len(CHANNELS)):
+            cut = np.minimum(used_innovations(plain, channel) ** 2, CUT)
+            weight[channel] = 1.0 / max(float(np.var(cut)) / 2.0, 1.0) if len(cut) else 1.0
     apart = np.array([k for k, c in enumerate(changes) if in_full and c in NOISE_NUISANCES], dtype=int)
     gains = (gain_column(changes[k].name) for k in apart.tolist())
     names = *(d.name for d in perturbations), *(c.name for c in changes), *gains

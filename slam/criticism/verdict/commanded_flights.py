@@ -99,12 +99,13 @@ class CommandedFlights(Evidence):
         with self._rolled_out.part():
             if self._together is None:
                 return ()
-            records, after = self.found.records, self._together.after
-            fitted_by_others = self._together.before, after if self.best is None else self.best.left_out
-            errors = rollout_errors(records, *fitted_by_others)
+            records, before, after = self.found.records, self._together.before, self._together.after
+            if self.best is not None:
+                after = self.best.left_out
+            errors = rollout_errors(records, before, after)
             perturbations = [d for e in self.found.chosen if e.is_term for d in e.perturbations]
             if any(d.kind == "camera" and d.entry < POINTS for d in perturbations):
-                errors = (*errors, *reprojection_errors(records, *fitted_by_others))
+                errors = (*errors, *reprojection_errors(records, before, after))
             return self.causes_of(self._together, errors)
 
     def findings(self, judged: JudgedCauses) -> Sequence[Finding]:

@@ -162,8 +162,8 @@ def confirmed_terms(found: SearchResult) -> SearchResult:
             # No expansion about parameters with a saturation can test it beside others.
             if not (effect.is_saturation and rest) and tried.z_of(effect) < PLAIN_Z:
                 gains.append((held_out(tried, rest).total, effect))
-        least = min(gains, key=lambda g: g[0], default=(np.inf, None))
-        if least[0] >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
+        least, weakest = min(gains, key=lambda g: g[0], default=(np.inf, None))
+        if least >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
             break
-        chosen = [e for e in chosen if e is not least[1]]
+        chosen = [e for e in chosen if e is not weakest]
     return replace(found, last=found.last if chosen else found.first, chosen=tuple(chosen))

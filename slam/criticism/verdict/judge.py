@@ -207,7 +207,7 @@ def split_by_probability(
 
 
 def by_importance(causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """Sort causes. The probable cause that explains most leads; the others follow by probability, as told. A
+    """Sort causes. The probable cause that explains most leads; the others follow by rounded probability. A
     cause that only single readings show has no gain ahead, so it leads only where no other is probable."""
     lead = sorted(causes, key=lambda c: (c.probability <= LIKELY, not c.gain.channels, -c.gain.nats))[:1]
     rest = sorted(causes, key=lambda c: (-round(c.probability, 2), not c.gain.channels, -c.gain.nats))
@@ -251,7 +251,7 @@ def decide(
     """Return verdict, equivalence set and findings.
 
     ``causes``: the leading one first. ``beyond``: what they leave over. ``strongest``: the greatest residual
-    pattern, which is told of something unknown that is nowhere else.
+    pattern, reported where something unknown leaves no other finding.
     """
     remains = list(beyond)
     if not causes:

@@ -123,8 +123,9 @@ class ComparedFlights(Evidence):
         components = [doubt for doubt in doubtful_components(self.found) if doubt.effect in reported]
         yield from components
         told = {(doubt.effect, *doubt.others) for doubt in components}
-        for test in last.score_tests(chosen, [e for e in last.effects if e.is_term]):
-            for effect in last.alike(test.effect, chosen) if test.z >= STANDS_OUT_Z else ():
+        tests = last.score_tests(chosen, [e for e in last.effects if e.is_term])
+        for test in (test for test in tests if test.z >= STANDS_OUT_Z):
+            for effect in last.alike(test.effect, chosen):
                 if effect.is_term and (effect.name, test.effect.name) not in told:
                     yield NameInDoubt(effect=effect.name, others=(test.effect.name,))
         if beyond := last.implausible_size(chosen, STANDS_OUT_Z):
@@ -187,9 +188,10 @@ def explain_comparisons(
     if not any(rows):
         return None
     found = search_linear(likelihood_of(rows, sensors.parameters))
-    for _ in range(ROUNDS if sensors.matches is not None and found.chosen else 0):
-        rows = sensors.rows(found.last.sizes(found.chosen))
-        found = search_linear(likelihood_of(rows, sensors.parameters))
+    if sensors.matches is not None and found.chosen:
+        for _ in range(ROUNDS):
+            rows = sensors.rows(found.last.sizes(found.chosen))
+            found = search_linear(likelihood_of(rows, sensors.parameters))
     return ComparedFlights(
         found=found, posterior=posterior_of(found), limits=LIMITS, anomalies=sensors.anomalies,
         readings=readings, model=model, progress=progress, flights=flights, sensors=sensors, rows=rows,

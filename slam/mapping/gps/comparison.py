@@ -98,12 +98,10 @@ class FixComparison:
         found, names = fix_messages(self.fixes, agreement), self.fixes.names
         if self.moved_m is None or not (line := stale_line(names, self.moved_m)):
             return found
-        is_note = isinstance(line, Note)
-        return FixMessages(
-            remarks=(*found.remarks, *([line] if is_note else [])),
-            warnings=(*([] if is_note else [line]), *found.warnings),
-            left_out=(*found.left_out, *(names[k] for k in np.flatnonzero(self.stale).tolist())),
-        )
+        left_out = (*found.left_out, *(names[k] for k in np.flatnonzero(self.stale).tolist()))
+        if isinstance(line, Note):
+            return FixMessages((*found.remarks, line), found.warnings, left_out)
+        return FixMessages(found.remarks, (line, *found.warnings), left_out)
 
     def contradictions(self, agreement: Agreement, w_T_b: Array) -> list[Contradiction]:
         """Compare the stated or assumed accuracy with refined poses ``w_T_b`` (m, 4, 4)."""
@@ -111,12 +109,13 @@ class FixComparison:
         # Fixes that state more than is typical are no evidence for what the others state.
         high &= fixes.each_std_m[:, 2] <= fixes.std_m[2]
         on_map = self._on_map(agreement, w_T_b)
-        by_size = altitude_contradiction(agreement.off_m[high, 2], fixes.std_m[2], fixes.stated)
-        found = (
-            mirror_contradiction(on_map) or stated_accuracy_contradiction(on_map, fixes.std_m, fixes.stated),
-            by_size if by_size or fixes.stated else self._altitude_course(agreement, w_T_b, high),
-        )
-        return [each for each in found if each is not None]
+        across = mirror_contradiction(on_map)
+        if across is None:
+            across = stated_accuracy_contradiction(on_map, fixes.std_m, fixes.stated)
+        up = altitude_contradiction(agreement.off_m[high, 2], fixes.std_m[2], fixes.stated)
+        if up is None and not fixes.stated:  # a small drift stands out of an accuracy that is only assumed
+            up = self._altitude_course(agreement, w_T_b, high)
+        return [each for each in (across, up) if each is not None]
 
     def _altitude_course(
         self, agreement: Agreement, w_T_b: Array, high: NDArray[np.bool_]

@@ -16,9 +16,9 @@ from slam.mapping.map import Map
 LEAST_SHARE = 0.01
 """Share of the scale, among instruments that measure lengths, below which one of them checks no other: by
 itself it would tell lengths ten times less exactly than all together."""
-MOST_SCALE_STD = 0.1
-"""Standard deviation of the scale up to which a map is one to measure with: twice the nominal gain error of
-a height sensor. Beyond it, a quarter of any length may be missing."""
+VAGUE_SCALE_STD = 0.1
+"""Relative standard deviation of the scale beyond which a map is not one to measure with: twice the nominal
+gain error of a height sensor. Any length may then be wrong by a fifth."""
 LEAST_CHECKS = 2
 """Check points with a known distance between them."""
 Shares = Mapping[str, Mapping[str, float]]
@@ -148,7 +148,7 @@ def scale_warning(flight: Flight, map_: Map, shares: Shares) -> str:
 def vague_lengths_warning(map_: Map) -> str:
     """Return what to do about lengths in metres that are known too vaguely to measure with; else ''."""
     std = map_.bundle.scale_std if map_.bundle is not None else None
-    if std is None or std <= MOST_SCALE_STD:
+    if std is None or std <= VAGUE_SCALE_STD:
         return ""
     return (
         f"all lengths are known to {100 * std:.2g} % only: what tells them is too inexact for ground of this "

@@ -15,12 +15,12 @@ from slam.core.units import FOOT_M
 from slam.io.files import brief, refusal
 
 _KMH, _MPH, _KNOT = 1 / 3.6, 0.44704, 1852 / 3600
-_DEG = np.pi / 180
+DEG = np.pi / 180
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": FOOT_M}
-_ANGLE = {"rad": 1.0, "deg": _DEG}
-_POSITION = {"deg": 1.0, "rad": 1 / _DEG, "degE7": 1e-7, "": 1.0}
-_RATE = {"rad/s": 1.0, "deg/s": _DEG}
+_ANGLE = {"rad": 1.0, "deg": DEG}
+_POSITION = {"deg": 1.0, "rad": 1 / DEG, "degE7": 1e-7, "": 1.0}
+_RATE = {"rad/s": 1.0, "deg/s": DEG}
 _SPEED = {"m/s": 1.0, "km/h": _KMH, "mph": _MPH, "kn": _KNOT}
 _FORCE = {"m/s^2": 1.0, "g": GRAVITY_M_S2, "mg": 1e-3 * GRAVITY_M_S2}
 _VOLTAGE = {"V": 1.0, "mV": 1e-3}

@@ -30,8 +30,11 @@ def with_pictures(recording: Recording, stamps_ns: NDArray[np.int64], names: Seq
     count = len(listed)
     if not any(_is_file(folder / name) for name in listed):
         filled = sum(map(bool, names))
-        others = (("picture", "column, without its files", filled),) * bool(filled)
-        return replace(recording, others=(*recording.others, *others))
+        if filled == 0:
+            return recording
+        return replace(
+            recording, others=(*recording.others, ("picture", "column, without its files", filled))
+        )
     channel = f"{recording.path.name}: pictures"
     offer = Offer(stream="cam0", channel=channel, kind="list of pictures", rows=count, reading="8 bit")
 

@@ -24,7 +24,7 @@ from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_re
 from slam.io.recordings.logs.field_values import Converted, Fields, columns, single
 from slam.io.recordings.recording import Recording
 from slam.io.recordings.tables.cells import decimal_mark, numbers, text_of
-from slam.io.recordings.tables.columns import TIMES, columns_of
+from slam.io.recordings.tables.columns import DEG, TIMES, columns_of
 from slam.io.recordings.tables.layout import layout_of
 from slam.io.recordings.tables.pictures import with_pictures
 from slam.io.recordings.tables.times import row_times
@@ -39,7 +39,6 @@ KIND = "table"
 _MAX_BYTES = 1 << 28
 _TITLE_BYTES = 1 << 16
 """Bytes that hold the titles of a table, and the settings that some loggers write above them."""
-_DEG = np.pi / 180
 _GIMBAL = ("gimbal_heading", "gimbal_pitch", "gimbal_roll")
 _LARGEST_DEGREES_MINUTES = 18_060.0
 """Largest number of degrees and minutes that NMEA writes as one: 180 degrees and 60 minutes."""
@@ -76,9 +75,11 @@ def _unless_held(values: Array) -> Converted:
     """Return the rows that differ from the row before, and the others as missing."""
     keep = changed_rows(values)
     held = int(np.isfinite(values[:, 0]).sum() - keep.sum())
+    kept = np.where(keep[:, None], values, np.nan)
+    if held == 0:
+        return kept, ()
     repeat = counted(held, "row repeats", "rows repeat")
-    notes = (Note(f"{repeat} the value before and {either(held, 'is', 'are')} left out"),)
-    return np.where(keep[:, None], values, np.nan), notes * bool(held)
+    return kept, (Note(f"{repeat} the value before and {either(held, 'is', 'are')} left out"),)
 
 
 def _height(fields: Fields) -> Converted:
@@ -94,7 +95,7 @@ def _aviation(fields: Fields) -> Converted:
 
 
 def _gimbal(fields: Fields) -> Converted:
-    degrees = columns(fields, *_GIMBAL) / _DEG
+    degrees = columns(fields, *_GIMBAL) / DEG
     known = np.isfinite(degrees).all(axis=1)
     values = np.full(degrees.shape, np.nan)
     if known.any():
@@ -125,7 +126,7 @@ RULES: tuple[FieldRule, ...] = (
         _GIMBAL,
         _gimbal,
         "gimbal; heading clockwise from north, pitch -90 degrees straight down",
-        lambda fields: {"noise_std": [repr(v * _DEG) for v in GIMBAL_STD_DEG], "assumed": ["noise_std"]},
+        lambda fields: {"noise_std": [repr(v * DEG) for v in GIMBAL_STD_DEG], "assumed": ["noise_std"]},
     ),
     FieldRule(
         "attitude0", KIND, ("roll", "pitch", "heading"), _aviation, "heading clockwise from north, pitch up"

@@ -59,8 +59,10 @@ def row_times(
         )
         raise refusal(path, what, _WRITE, layout.lines[0])
     lost = int((~np.isfinite(times_s)).sum())
-    told = f"{counted(lost, 'row has', 'rows have')} no time; write times there if they should count"
-    return times_s, (*notes, *((told,) * bool(lost)))
+    if lost:
+        told = f"{counted(lost, 'row has', 'rows have')} no time; write times there if they should count"
+        notes = (*notes, told)
+    return times_s, notes
 
 
 def _first(cells: Sequence[str]) -> str:

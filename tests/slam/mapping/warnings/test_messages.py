@@ -14,7 +14,7 @@ from slam.core.flight import Gps, Sonar
 from slam.core.messages import is_note
 from slam.core.stream_anomalies import stuck_ranges
 from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
-from slam.mapping.warnings.accuracy_basis import MOST_SCALE_STD, scale_warning, vague_lengths_warning
+from slam.mapping.warnings.accuracy_basis import VAGUE_SCALE_STD, scale_warning, vague_lengths_warning
 from slam.mapping.warnings.messages import MOST_STUCK, anomalies
 from tests.slam.small_flight import flown
 
@@ -76,7 +76,7 @@ def test_all_instruments_that_tell_lengths_are_named(velocity, accelerometer, ba
     assert told in scale_warning(SimpleNamespace(sonar=None), map_, {})
 
 
-@pytest.mark.parametrize(("std", "told"), [(None, ""), (MOST_SCALE_STD, ""), (0.29, "known to 29 % only")])
+@pytest.mark.parametrize(("std", "told"), [(None, ""), (VAGUE_SCALE_STD, ""), (0.29, "known to 29 % only")])
 def test_lengths_too_vague_to_measure_with_are_in_the_status(std, told) -> None:
     line = vague_lengths_warning(SimpleNamespace(bundle=SimpleNamespace(scale_std=std)))
     assert told in line
