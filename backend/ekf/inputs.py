@@ -22,12 +22,13 @@ class Series:
     values: Array
     """(n, d); NaN where missing."""
     std: Array
-    """(d,) standard deviation of the white noise of one reading."""
+    """(d,) standard deviation of the white noise of one reading, or (n, d) where that of each differs."""
 
     def between(self, start_s: float, end_s: float) -> Series | None:
         """Return the readings from ``start_s`` to ``end_s``; None if there are none."""
         inside = (self.stamps_s >= start_s) & (self.stamps_s <= end_s)
-        return Series(self.stamps_s[inside], self.values[inside], self.std) if inside.any() else None
+        std = self.std[inside] if self.std.ndim > 1 else self.std
+        return Series(self.stamps_s[inside], self.values[inside], std) if inside.any() else None
 
 
 @dataclass(frozen=True)

@@ -271,7 +271,7 @@ def _first_place(flight: Flight, readings: Readings, w_R_b: Array) -> tuple[tupl
     b_p_antenna_m = flight.gps.b_T_s[:3, 3]
     x, y, _ = triple(positions.values[0] - w_R_b @ b_p_antenna_m)
     # The heading may be any, and turns the lever of the antenna: its whole length is uncertain.
-    return (x, y), float(np.hypot(positions.std[0], np.linalg.norm(b_p_antenna_m)))
+    return (x, y), float(np.hypot(positions.std[0, 0], np.linalg.norm(b_p_antenna_m)))
 
 
 def _first_height(

@@ -149,7 +149,7 @@ def positions_of(flight: Flight, trust: InertialTrust) -> Series | None:
     used = check.consistent
     if not used.any():
         return None
-    std = np.maximum(np.hypot(gps.noise_std_m, gps.antenna_std_m), trust.gps_floor_m)
+    std = np.maximum(np.hypot(gps.each_std_m[used], gps.antenna_std_m), trust.gps_floor_m)
     step_s = float(np.median(np.diff(gps.stamps_s))) if len(gps.stamps_s) > 1 else np.inf
     # Fixes with fully correlated errors count as one fix.
     return Series(gps.stamps_s[used], enu[used], std * np.sqrt(max(1.0, 2 * trust.gps_time_s / step_s)))

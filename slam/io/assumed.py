@@ -9,12 +9,13 @@ _SHARED = {"sonar0": ("scale_std", "datum_std"), "velocity0": ("scale_std",), "g
 """Folder -> keys of the errors that all readings share; the place of a GPS antenna is one."""
 
 
-def assumed_keys(folder: str, sensor: YamlFile) -> tuple[str, ...]:
+def assumed_keys(folder: str, sensor: YamlFile, noise_in_rows: bool) -> tuple[str, ...]:
     """Return the keys of a stream that are not stated, or were assumed by the import that wrote them.
 
-    The noise of an IMU counts as ``noise_std``. Raises ``InputError`` where they are no list of keys.
+    The noise of an IMU counts as ``noise_std``; ``noise_in_rows``: the rows of the stream state their own.
+    Raises ``InputError`` where the assumed keys are no list.
     """
     by_import = sensor.texts("assumed")
-    noise_stated = any(sensor.has(key) for key in _NOISE) and "noise_std" not in by_import
+    noise_in_file = any(sensor.has(key) for key in _NOISE) and "noise_std" not in by_import
     shared = (key for key in _SHARED.get(folder, ()) if not sensor.has(key) or key in by_import)
-    return (*(() if noise_stated else ("noise_std",)), *shared)
+    return (*(() if noise_in_rows or noise_in_file else ("noise_std",)), *shared)

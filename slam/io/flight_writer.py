@@ -99,10 +99,10 @@ def _write_landmarks(landmarks: dict[str, Array], path: Path) -> None:
 
 def _write_series(series: Series, name: str, folder: Path, epoch_ns: int, comment: str | None) -> None:
     folder.mkdir()
-    values = _values(series, len(COLUMNS[name])).tolist()
+    columns, values = COLUMNS[name], _values(series, len(COLUMNS[name]))
     with open(folder / "data.csv", "w", encoding="ascii", newline="") as file:
-        file.write(header_of(COLUMNS[name]) + "\n")
-        for stamp, row in zip(stamps_ns(series.stamps_s, epoch_ns), values, strict=True):
+        file.write(header_of(columns[: values.shape[1]]) + "\n")
+        for stamp, row in zip(stamps_ns(series.stamps_s, epoch_ns), values.tolist(), strict=True):
             file.write(f"{stamp},{','.join(repr(v) if math.isfinite(v) else '' for v in row)}\n")
     mount = series.b_T_s if isinstance(series, Imu | Sonar | Gps) else np.eye(4)
     assumed = {"assumed": list(series.assumed)} if isinstance(series, Instrument) and series.assumed else {}
@@ -111,7 +111,10 @@ def _write_series(series: Series, name: str, folder: Path, epoch_ns: int, commen
 
 
 def _values(series: Series, width: int) -> Array:
-    """Return (n, width) values in the format's order; NaN where the series has none."""
+    """Return (n, width) values in the format's order; NaN where the series has none.
+
+    Accuracies of single GPS fixes, the last columns, are left out where all have the same.
+    """
     match series:
         case Imu():
             return np.hstack([series.gyro_rad_s, series.accel_m_s2])
@@ -128,7 +131,8 @@ def _values(series: Series, width: int) -> Array:
         case Motor():
             return series.drive
         case Gps():
-            return np.column_stack([series.latitude_deg, series.longitude_deg, series.altitude_m])
+            stds_m = () if series.stds_m is None else (series.stds_m,)
+            return np.column_stack([series.latitude_deg, series.longitude_deg, series.altitude_m, *stds_m])
         case Truth():
             values = np.full((len(series.stamps_s), width), np.nan)
             values[:, :3] = series.w_T_b[:, :3, 3]

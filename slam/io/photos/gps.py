@@ -14,6 +14,7 @@ from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.messages import Note
 from slam.core.names import listed
+from slam.io.gps_accuracy import median_and_each
 from slam.io.photos.photo_set import Photo
 from slam.io.photos.position import RTK_SOLUTIONS, UNSIGNED, PhotoPosition
 from slam.io.photos.unused_tags import unused_tags
@@ -23,8 +24,6 @@ Array = NDArray[np.float64]
 _SAME_PLACE_M = 1.0
 """Places that differ by less are those of one receiver, which a camera stores twice at other moments."""
 _FIXED = RTK_SOLUTIONS[50]
-_DIFFERENT = 2.0
-"""Ratio of standard deviations from which on each fix counts with its own: the weights differ fourfold."""
 _NO_PLACE = (
     "the map has no metric scale and no place on Earth; copy the originals with their tags, or give "
     "control points (--gcp)"
@@ -142,9 +141,7 @@ def _accuracy(
             for p, alone in zip(fixes, without, strict=True)
         ]
     )
-    east, north, up = np.median(stds_m, axis=0).tolist()
-    differ = bool((stds_m.max(axis=0) > _DIFFERENT * stds_m.min(axis=0)).any())
-    return (east, north, up), stds_m if differ else None, remarks
+    return *median_and_each(stds_m), remarks
 
 
 def _rtk_solutions(fixes: Sequence[PhotoPosition]) -> list[str]:

@@ -137,7 +137,8 @@ def _tables(recording: Recording, chosen: tuple[Offer, ...], content: Content) -
             row_word="message",
         )
         if not names:
-            tables[offer.stream] = check_limits(tables[offer.stream], COLUMNS[offer.stream])
+            columns = COLUMNS[offer.stream][: readings.values.shape[1]]
+            tables[offer.stream] = check_limits(tables[offer.stream], columns)
     return tables
 
 

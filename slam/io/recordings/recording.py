@@ -63,7 +63,7 @@ class StreamReadings:
     stamps_ns: Stamps
     """(n,) in the order of the recording."""
     values: Array
-    """(n, c) in the order of ``COLUMNS``; NaN where missing."""
+    """(n, c) in the order of ``COLUMNS``, of which the last may be absent; NaN where missing."""
     nominal: Mapping[str, Value] = field(default_factory=dict)
     """Keys of ``sensor.yaml`` that the recording states."""
     notes: tuple[str, ...] = ()

@@ -113,6 +113,18 @@ def test_gps_gives_absolute_positions_and_scales_are_fixed():
     assert absolute.start.yaw_std_rad > 0
 
 
+def test_each_fix_counts_with_its_own_accuracy():
+    stds_m = np.repeat([[1.0, 2.0, 3.0], [10.0, 20.0, 30.0]], 10, axis=0)
+    zero = np.zeros(20)
+    gps = Gps(np.arange(0.5, 20, 1.0), zero + 47.0, zero + 8.0, zero, stds_m=stds_m)
+    flight = replace(made_flight(0), gps=gps)
+    fixes = filter_input(flight).readings.w_p_b_m
+    assert fixes.std.shape == fixes.values.shape
+    np.testing.assert_allclose(fixes.std[-1], 10 * fixes.std[0])
+    np.testing.assert_allclose(fixes.std[0], fixes.std[0, 0] * np.array([1.0, 2.0, 3.0]))
+    assert filter_input(flight, from_s=15.0).readings.w_p_b_m.std[0, 0] == fixes.std[-1, 0]
+
+
 def test_told_places_of_imu_and_antenna_are_used():
     flight, mount, antenna = made_flight(0), np.eye(4), np.eye(4)
     mount[:3, 3], antenna[:3, 3] = [0.3, 0.0, 0.1], [3.0, 0.0, 0.0]

@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.io.recordings.gps_accuracy import gps_noise
 from slam.io.recordings.logs.field_rules import FieldSeries
-from slam.io.recordings.logs.field_values import Fields, column, columns
+from slam.io.recordings.logs.field_values import Fields, column
 from slam.io.recordings.range_limits import limits_entries, stated_limits
 from slam.io.sensor_yaml import Value
 
 _LIMITS = ("MinRange", "MaxRange")
-_ACCURACY = ("HAcc", "VAcc")
+ACCURACY = ("HAcc", "VAcc")
 _CENTIMETRE = 0.01
 
 
@@ -27,10 +26,10 @@ def completed(series: Mapping[str, FieldSeries], parameters: Mapping[str, float]
         if each.kind == "RFND" and (limits := _limits(parameters, _instance(channel))) is not None:
             more = {name: np.full(len(each.stamps_ns), v) for name, v in zip(_LIMITS, limits, strict=True)}
         accuracy = series.get(channel.replace("GPS", "GPA")) if each.kind == "GPS" else None
-        if accuracy is not None and all(name in accuracy.fields for name in _ACCURACY):
+        if accuracy is not None and all(name in accuracy.fields for name in ACCURACY):
             more = {
                 name: np.interp(each.stamps_ns, accuracy.stamps_ns, column(accuracy.fields, name))
-                for name in _ACCURACY
+                for name in ACCURACY
             }
         found[channel] = replace(each, fields={**each.fields, **more})
     return found
@@ -62,11 +61,3 @@ def range_entries(fields: Fields) -> dict[str, Value]:
     if any(name not in fields for name in _LIMITS):
         return {}
     return limits_entries(stated_limits(*(column(fields, name) for name in _LIMITS)))
-
-
-def gps_entries(fields: Fields) -> dict[str, Value]:
-    """Return the keys of ``sensor.yaml`` that the receiver states about its positions."""
-    if any(name not in fields for name in _ACCURACY):
-        return {}
-    known = np.where(column(fields, "Status") > 1, column(fields, "Lat"), np.nan)
-    return gps_noise(known, columns(fields, "HAcc", "HAcc", "VAcc"))

@@ -22,8 +22,9 @@ from slam.core.messages import Note
 from slam.io.body_axes import angles_from_aviation
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import refusal
+from slam.io.gps_accuracy import with_accuracy
 from slam.io.recordings.logs import field_values
-from slam.io.recordings.logs.completed import completed, gps_entries, range_entries
+from slam.io.recordings.logs.completed import ACCURACY, completed, range_entries
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
 from slam.io.recordings.logs.sticks import stick_from_pulses
@@ -149,7 +150,10 @@ def _attitude(fields: Fields) -> Converted:
 
 
 def _gps(fields: Fields) -> Converted:
-    return field_values.known_fixes(columns(fields, "Lat", "Lng", "Alt"), column(fields, "Status")), ()
+    known = field_values.known_fixes(columns(fields, "Lat", "Lng", "Alt"), column(fields, "Status"))
+    if any(name not in fields for name in ACCURACY):
+        return known, ()
+    return with_accuracy(known, columns(fields, "HAcc", "HAcc", "VAcc")), ()
 
 
 def _range(fields: Fields) -> Converted:
@@ -181,7 +185,7 @@ RULES: tuple[FieldRule, ...] = (
     FieldRule("sonar0", "RFND", ("Dist", "Stat", "Orient"), _range, "m, facing down", range_entries),
     FieldRule("sonar0", "RFND", ("Dist1",), _older_range, "m, facing down", range_entries),
     FieldRule("attitude0", "ATT", ("Roll", "Pitch", "Yaw"), _attitude, _ANGLES),
-    FieldRule("gps0", "GPS", ("Lat", "Lng", "Alt", "Status"), _gps, "deg, m above sea level", gps_entries),
+    FieldRule("gps0", "GPS", ("Lat", "Lng", "Alt", "Status"), _gps, "deg, m above sea level"),
     FieldRule("battery0", "BAT", ("Volt",), _voltage, "V"),
     FieldRule("battery0", "CURR", ("Volt",), _voltage, "V"),
     FieldRule("barometer0", "BARO", ("Alt",), field_values.single("Alt"), "m"),

@@ -22,7 +22,7 @@ from backend.wording import counted, either
 from slam.core.messages import Note
 from slam.io.body_axes import angles_from_aviation, angles_from_ned_quaternion
 from slam.io.files import refusal
-from slam.io.recordings.gps_accuracy import gps_noise
+from slam.io.gps_accuracy import with_accuracy
 from slam.io.recordings.logs import field_values
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
@@ -30,7 +30,6 @@ from slam.io.recordings.logs.mavlink import DECLARATIONS, Packet, telemetry
 from slam.io.recordings.logs.sticks import stick_from_pulses
 from slam.io.recordings.range_limits import Limits, limits_entries, stated_limits, within
 from slam.io.recordings.recording import COPY_AGAIN, Recording
-from slam.io.sensor_yaml import Value
 
 DESCRIPTION = "a MAVLink telemetry log"
 _HEARTBEAT = 0
@@ -77,7 +76,8 @@ def _quaternion(fields: Fields) -> Converted:
 
 def _gps(fields: Fields) -> Converted:
     values = columns(fields, "lat", "lon", "alt") * (1e-7, 1e-7, 1e-3)
-    return field_values.known_fixes(values, column(fields, "fix_type")), ()
+    known = field_values.known_fixes(values, column(fields, "fix_type"))
+    return with_accuracy(known, columns(fields, "h_acc", "h_acc", "v_acc") * 1e-3), ()
 
 
 def _range(fields: Fields) -> Converted:
@@ -92,11 +92,6 @@ def _limits(fields: Fields) -> Limits | None:
     if not is_down.any():
         return None
     return stated_limits(*(column(fields, name)[is_down] * 0.01 for name in ("min_distance", "max_distance")))
-
-
-def _gps_noise(fields: Fields) -> dict[str, Value]:
-    known = np.where(column(fields, "fix_type") >= field_values.FIX_2D, column(fields, "lat") * 1e-7, np.nan)
-    return gps_noise(known, columns(fields, "h_acc", "h_acc", "v_acc") * 1e-3)
 
 
 def _flow(fields: Fields) -> Converted:
@@ -141,7 +136,7 @@ RULES: tuple[FieldRule, ...] = (
     FieldRule("attitude0", "ATTITUDE", ("roll",), _attitude, _ANGLES),
     FieldRule("velocity0", "OPTICAL_FLOW_RAD", ("integrated_x",), _flow, "rad, m; to m/s forward and left"),
     FieldRule("battery0", "SYS_STATUS", ("voltage_battery",), _voltage, "mV to V"),
-    FieldRule("gps0", "GPS_RAW_INT", ("lat",), _gps, "1e-7 deg, mm above sea level", _gps_noise),
+    FieldRule("gps0", "GPS_RAW_INT", ("lat",), _gps, "1e-7 deg, mm above sea level"),
     FieldRule("barometer0", "SCALED_PRESSURE", ("press_abs",), _altitude, "hPa to m by ISO 2533"),
 )
 """The messages of MAVLink and what they become, in the order of preference."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from backend.wording import counted
 from slam.io.body_axes import angles_from_ned_quaternion
-from slam.io.recordings.gps_accuracy import gps_noise
+from slam.io.gps_accuracy import with_accuracy
 from slam.io.recordings.logs import field_values
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
@@ -56,17 +56,10 @@ def _attitude(fields: Fields) -> Converted:
 
 def _gps(fields: Fields, names: tuple[str, str, str], units: tuple[float, float]) -> Converted:
     values = columns(fields, *names) * [units[0], units[0], units[1]]
-    return field_values.known_fixes(values, column(fields, "fix_type")), ()
-
-
-def _gps_noise(fields: Fields, names: tuple[str, str, str], unit: float) -> dict[str, Value]:
-    """Return the accuracy that the receiver states [m]; older versions state none."""
-    if any(name not in fields for name in ("eph", "epv")):
-        return {}
-    known = np.where(
-        column(fields, "fix_type") >= field_values.FIX_2D, column(fields, names[0]) * unit, np.nan
-    )
-    return gps_noise(known, columns(fields, "eph", "eph", "epv"))
+    known = field_values.known_fixes(values, column(fields, "fix_type"))
+    if any(name not in fields for name in ("eph", "epv")):  # of older versions
+        return known, ()
+    return with_accuracy(known, columns(fields, "eph", "eph", "epv")), ()
 
 
 def _limits(fields: Fields) -> Limits | None:
@@ -128,8 +121,6 @@ _OLDER_FLOW = (
 )
 _fix_deg = partial(_gps, names=_FIX_DEG, units=(1.0, 1.0))
 _fix_integer = partial(_gps, names=_FIX_INTEGER, units=(1e-7, 1e-3))
-_noise_deg = partial(_gps_noise, names=_FIX_DEG, unit=1.0)
-_noise_integer = partial(_gps_noise, names=_FIX_INTEGER, unit=1e-7)
 _sticks_now = partial(_sticks, names=_STICKS, throttle_from_zero=False)
 _sticks_before = partial(_sticks, names=_OLD_STICKS, throttle_from_zero=True)
 _voltage, _height = field_values.single("voltage_v"), field_values.single("baro_alt_meter")
@@ -163,8 +154,8 @@ RULES: tuple[FieldRule, ...] = (
         rule
         for kind in ("vehicle_gps_position", "sensor_gps")
         for rule in (
-            FieldRule("gps0", kind, (*_FIX_DEG, "fix_type"), _fix_deg, _DEG, _noise_deg),
-            FieldRule("gps0", kind, (*_FIX_INTEGER, "fix_type"), _fix_integer, _INTEGER, _noise_integer),
+            FieldRule("gps0", kind, (*_FIX_DEG, "fix_type"), _fix_deg, _DEG),
+            FieldRule("gps0", kind, (*_FIX_INTEGER, "fix_type"), _fix_integer, _INTEGER),
         )
     ),
     FieldRule("barometer0", "vehicle_air_data", ("baro_alt_meter",), _height, "m"),

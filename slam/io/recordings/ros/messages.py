@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.io.body_axes import angles_from_quaternion
-from slam.io.recordings.gps_accuracy import gps_noise
+from slam.io.gps_accuracy import with_accuracy
 from slam.io.recordings.range_limits import limits_entries, stated_limits, within
 from slam.io.recordings.ros.transforms import is_world
 from slam.io.sensor_yaml import Value
@@ -144,11 +144,7 @@ def _position(m: Message) -> tuple[float, ...]:
 
 
 def _places(rows: Array, b_T_s: Array | None) -> Array:
-    return rows[:, :3]
-
-
-def _stated_noise(rows: Array) -> dict[str, Value]:
-    return gps_noise(rows[:, 0], np.sqrt(np.maximum(rows[:, 3:], 0.0)))
+    return with_accuracy(rows[:, :3], np.sqrt(np.maximum(rows[:, 3:], 0.0)))
 
 
 def _twist(m: Message) -> tuple[float, ...]:
@@ -299,7 +295,6 @@ STANDARD_RULES: tuple[RosRule, ...] = (
         _position,
         _places,
         "deg, m above the ellipsoid",
-        _stated_noise,
     ),
     *(
         RosRule(_TRUTH, kind, row, _reference, _POSE, is_certain=is_reference, doubt=NO_TRUTH)

@@ -164,6 +164,23 @@ def test_a_receiver_states_its_accuracy(tmp_path):
     assert gps.noise_std_m == pytest.approx((0.02, 0.02, 0.04), rel=1e-5)
 
 
+def test_each_fix_has_its_own_accuracy_where_they_differ(tmp_path):
+    """It is kept on disk; a fix that states no height's accuracy has the median."""
+    fixes = [(1_000_000 + 200_000 * k, 1, 3, 600_000_000, 80_000_000, 584.0) for k in range(4)]
+    stated = [
+        (row[0], 1, h, v)
+        for row, h, v in zip(fixes, (0.02, 0.02, 4.0, 0.03), (0.04, 0.0, 8.0, 0.04), strict=True)
+    ]
+    messages = {"GPS": ("QBBLLf", "TimeUS,I,Status,Lat,Lng,Alt", fixes)}
+    messages["GPA"] = ("QBff", "TimeUS,I,HAcc,VAcc", stated)
+    flight = read(log(tmp_path / "a.bin", messages))
+    write_flight(flight, tmp_path / "f")
+    for gps in (flight.gps, read_flight(tmp_path / "f").gps):
+        expected = [[0.02, 0.02, 0.04], [0.02, 0.02, 0.04], [4.0, 4.0, 8.0], [0.03, 0.03, 0.04]]
+        np.testing.assert_allclose(gps.stds_m, expected, rtol=1e-6)
+        assert "noise_std" not in gps.assumed
+
+
 def test_stamps_of_old_logs_are_milliseconds(tmp_path):
     """``TimeMS`` of an old GPS message is that of the week; its stamp is ``T``."""
     ranges = [(1000 + 20 * k, 250, 25) for k in range(3)]
