@@ -21,6 +21,7 @@ from slam.mapping.front_end import Observations
 from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.lift_edges import Edges
 from slam.mapping.search_radius import KnownPoses
+from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,8 @@ class Map:
     bundle: Bundle | None = None
     """Refinement of the largest part; None before the refinement, or if it failed."""
     georeferenced: bool = False
+    setups: tuple[Setup, ...] = ()
+    """Inputs of the refinement of each part, with the fixes and control points that it uses."""
     warnings: tuple[str, ...] = ()
     """Each makes the status other than ok."""
     remarks: tuple[str, ...] = ()

@@ -13,6 +13,7 @@ from slam.core.control_points import ControlReport
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.stated_accuracy import Contradiction
+from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ class MapPart:
     """Whether positions have placed it; else it stands in coordinates of its own."""
     ranged: bool
     """Whether its heights were measured in metres."""
+    setup: Setup
+    """Inputs of its last refinement, with the fixes and control points that agree with it alone."""
     bundle: Bundle | None = None
     """None where it could not be refined."""
     inertial: AccelerometerScale | None = None

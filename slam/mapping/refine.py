@@ -98,6 +98,7 @@ def refine_map(
         camera=calibrated(setup.camera, main.bundle if main else None),
         bundle=main.bundle if main else None,
         georeferenced=main.georeferenced if main else False,
+        setups=tuple(part.setup for part in parts),
         warnings=(
             *(line for part in parts for line in part.warnings),
             *(control_warnings(main.control) if main and main.control else ()),
@@ -169,6 +170,7 @@ class _Evidence:
             floor_z_m=floor_z_m,
             georeferenced=aligned is not None,
             ranged=ranged,
+            setup=base.with_fixes(agreement),
         )
         if aligned is None and readings.positions:
             placed = replace(placed, warnings=(_NOT_PLACED.format(len(members)),))
@@ -217,6 +219,7 @@ class _Evidence:
             by_inertia = compared.scale if compared else None
             part = replace(
                 part,
+                setup=setup,
                 w_T_b=bundle.w_T_b,
                 floor_z_m=bundle.floor_z_m,
                 bundle=bundle,

@@ -21,13 +21,16 @@ from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose, ReportedMotion
 from backend.quantiles import chi_square_limit
 from slam.mapping.calibration.lens import calibrated
+from slam.mapping.control_points import ControlComparison
 from slam.mapping.inertial.bridges import bridge_warning, doubted_bridge_warning
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.map import Map, largest_first
 from slam.mapping.part_measurements import aligned_pairs, by_lines, part_measurements
 from slam.mapping.refine import floor_tracks
 from slam.mapping.setup import Setup
+from slam.mapping.warnings.control_points import control_warnings
 from slam.mapping.warnings.convergence import convergence_warnings
+from slam.mapping.warnings.gps_offset import offset_remarks
 
 Array = NDArray[np.float64]
 
@@ -69,14 +72,16 @@ def fuse_parts(
     if not motion.name or not (joined.bridges or aligned):
         return joined
     open_ = by_lines(aligned, len(joined.component))
-    setup = setup.without_positions()
-    if joined.bundle is None or not joined.bundle.uses_barometer:
-        # A barometer that the parts could not use must not act on the whole either.
-        setup = setup.without_heights()
+    # A barometer that the parts could not use must not act on the whole either.
+    leaves_barometer = joined.bundle is None or not joined.bundle.uses_barometer
     for number in range(int(joined.component.max()) + 1):
         members = np.flatnonzero(joined.component == number)
-        if len(np.unique(parts.component[members])) > 1 or open_[members].any():
-            joined = _fused(parts, joined, members, setup, motion)
+        of_parts = np.unique(parts.component[members]).tolist()
+        if len(of_parts) > 1 or open_[members].any():
+            # Positions that have placed a part hold it. Parts that bridges join stand in no world of theirs.
+            own = parts.setups[of_parts[0]] if len(of_parts) == 1 else setup.without_positions()
+            own = own.without_heights() if leaves_barometer else own
+            joined = _fused(parts, joined, members, own, motion)
     return replace(joined, component=largest_first(joined.component))
 
 
@@ -217,12 +222,15 @@ def _with_bundle(
     information = Information.of(bundle.optimum)
     refined = [_refined_bridge(bundle, members, edge, information) for edge in mine]
     main = bool(joined.component[members[0]] == 0)
+    if main:
+        joined = _with_control(joined, members, bundle, setup)
     is_scaled = main and bundle.scale_std is not None
     return replace(
         joined,
         w_T_b=w_T_b,
         covariances=covariances,
         over_floor_covariances=over_floor_covariances,
+        floor_z_m=bundle.floor_z_m if main else joined.floor_z_m,
         camera=calibrated(setup.camera, bundle) if main else joined.camera,
         bundle=bundle if main else joined.bundle,
         metric=joined.metric or is_scaled,
@@ -233,6 +241,23 @@ def _with_bundle(
             *convergence_warnings(bundle, setup.readings),
             *left_out[-1:],
         ),
+    )
+
+
+def _with_control(joined: Map, members: NDArray[np.int64], bundle: Bundle, setup: Setup) -> Map:
+    """Return the map with the residuals of the surveyed points on the refined keyframes, and their lines."""
+    before = joined.control
+    if before is None:
+        return joined
+    used = np.array([point.used for point in before.points], dtype=bool)
+    verdict = ControlComparison.of(setup.surveyed, members).judge(bundle, used)
+    now = verdict.report(bundle, used, setup.readings.fixes)
+    said, remarked = control_warnings(before), offset_remarks(before)
+    return replace(
+        joined,
+        control=now,
+        warnings=(*(line for line in joined.warnings if line not in said), *control_warnings(now)),
+        remarks=(*(line for line in joined.remarks if line not in remarked), *offset_remarks(now)),
     )
 
 

@@ -10,14 +10,15 @@ import pytest
 from frontend.homography import transfer
 from frontend.registration import Registration
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight
+from slam.core.flight import Flight, Gps
+from slam.core.geodesy import GeoOrigin, enu_from_geodetic, geodetic_from_enu
 from slam.core.progress import silent
 from slam.evaluation.association import poses_at
 from slam.evaluation.nees import nees
 from slam.evaluation.trajectory import gauge
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations
-from slam.mapping.pipeline import optimize_with_observations
+from slam.mapping.pipeline import optimize, optimize_with_observations
 from slam.simulation import load_recipe, simulate
 
 OPEN_PX = 30.0
@@ -94,3 +95,26 @@ def test_lines_are_followed_without_a_sonar_and_without_an_imu(mapped):
         less = replace(flight, **{missing: None})
         seen = FrontEnd(less, less.camera, PipelineConfig(), silent).track()
         assert all(link is not None for link in seen.links[1:])
+
+
+@pytest.mark.slow
+def test_positions_hold_a_map_over_lines_no_better_than_they_are():
+    """The mean of n fixes is no better than one of them over the square root of n, and so is no pose."""
+    recipe = load_recipe("court_eight")
+    short = replace(recipe, maneuver=replace(recipe.maneuver, way_points=("A", "B", "C")))
+    flight = simulate(short, 5)
+    truth, std_m = flight.truth, 0.05
+    stamps_s = np.arange(truth.stamps_s[0], truth.stamps_s[-1], 0.2)
+    w_p_m = np.column_stack([np.interp(stamps_s, truth.stamps_s, x) for x in truth.w_T_b[:, :3, 3].T])
+    w_p_m += np.random.default_rng(0).normal(0, std_m, w_p_m.shape)
+    origin = GeoOrigin(52.0, 4.0, 10.0)
+    gps = Gps(stamps_s, *geodetic_from_enu(w_p_m, origin), noise_std_m=(std_m,) * 3)
+    estimate = optimize(replace(flight, gps=gps))
+    known = estimate.component == 0
+    assert known.all()
+    assert estimate.origin is not None
+    found = np.sqrt(np.diagonal(estimate.covariances[:, 3:5, 3:5], axis1=1, axis2=2))
+    assert found.min() > std_m / np.sqrt(len(stamps_s))
+    there = enu_from_geodetic(*geodetic_from_enu(estimate.w_T_b[:, :3, 3], estimate.origin), origin)
+    off = (there - poses_at(truth, estimate.stamps_s)[:, :3, 3])[:, :2]
+    assert np.sqrt(np.mean((off / found) ** 2)) < 3.0

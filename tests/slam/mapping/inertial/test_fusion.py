@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from backend import se3
+from backend.measurements import AlignedPair, Position
 from slam.core.flight import Flight, Scalar
 from slam.evaluation import evaluate
 from slam.mapping.config import PipelineConfig
@@ -93,6 +94,27 @@ def test_a_velocity_that_a_part_could_not_use_does_not_act_on_the_whole(monkeypa
     setup = Setup(CAMERA, readings, PipelineConfig())
     fuse_parts(parts, joined(parts, [edge]), setup, object(), object())
     assert given == ["imu0" if left_out else "imu0 and velocity0"]
+
+
+def test_a_part_over_lines_keeps_the_positions_that_place_it(monkeypatch):
+    w_T_b, parts, _ = made_parts(np.random.default_rng(0))
+    one = replace(parts, w_T_b=w_T_b, component=np.zeros(8, np.int64), georeferenced=True)
+    readings = KeyframeReadings.at(Flight("read"), np.arange(8.0), None, PipelineConfig())
+    taken = tuple(Position(k, w_T_b[k, :3, 3], np.full(3, 0.05)) for k in range(8))
+    setup = Setup(CAMERA, replace(readings, positions=taken), PipelineConfig())
+    agreeing = replace(setup, readings=replace(readings, positions=taken[1:]))
+    pair = AlignedPair(0, 1, np.zeros((4, 2)), np.zeros((4, 2)), np.eye(8))
+    monkeypatch.setattr("slam.mapping.inertial.fusion.aligned_pairs", lambda *_: (pair,))
+    given = []
+
+    def fused(parts, joined, members, setup, motion):
+        given.append(setup.readings.positions)
+        return joined
+
+    monkeypatch.setattr("slam.mapping.inertial.fusion._fused", fused)
+    one = replace(one, setups=(agreeing,))
+    fuse_parts(one, one, setup, object(), None)
+    assert given == [taken[1:]]
 
 
 def test_parts_that_a_wrong_velocity_joined_are_taken_apart():
