@@ -16,6 +16,7 @@ from backend.bundle.homography_factor import (
     transfer,
 )
 from backend.bundle.lens import FOCAL
+from backend.bundle.sensor_factors import SensorFactors
 from backend.measurements import AlignedPair, PinholeModel
 from backend.robust import robust_unit
 
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def add_aligned(
-    graph: gtsam.NonlinearFactorGraph,
+    graph: SensorFactors,
     pairs: tuple[AlignedPair, ...],
     camera: PinholeModel,
     at: gtsam.Values,
@@ -42,4 +43,5 @@ def add_aligned(
     for number, pair in enumerate(pairs):
         whitening = homography_whitening(pair.covariance, by_slope[number])
         keys, pixel = (POSE(pair.k), POSE(pair.j)), pair.k_pixel.ravel()
-        graph.push_back(homography_factor(keys, rays[number], pixel, plane, whitening, model))
+        factor = homography_factor(keys, rays[number], pixel, plane, whitening, model)
+        graph.add("aligned pair", factor)

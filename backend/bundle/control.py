@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from backend.bundle.factors import FLOOR_Z, LOG_SCALE, SLOPE, WORLD_SIZE, rotation_jacobian, rotation_of
 from backend.bundle.floor_points import intersect_floor
 from backend.bundle.projections import linearise
+from backend.bundle.sensor_factors import SensorFactors
 from backend.measurements import ControlPoint, FloorTracks, Measurements, PinholeModel
 from backend.robust import robust
 from backend.se3 import cross_matrix
@@ -56,7 +57,7 @@ def on_floor(point: ControlPoint, camera: PinholeModel, f_T_c: Array) -> Array:
 
 
 def add_control(
-    graph: gtsam.NonlinearFactorGraph,
+    graph: SensorFactors,
     points: Sequence[ControlPoint],
     world_key: int,
     lens: Array | None,
@@ -71,10 +72,10 @@ def add_control(
         mark = gtsam.noiseModel.Isotropic.Sigma(2, point.std_px * weights.marks)
         views = gtsam.noiseModel.Robust.Create(kernel, mark)
         for k, pixel in zip(point.keyframe.tolist(), point.pixel, strict=True):
-            graph.push_back(view_factor(POSE(k), POINT(number), pixel, views, lens))
+            graph.add("mark", view_factor(POSE(k), POINT(number), pixel, views, lens))
         # An axis with an infinite deviation was not surveyed: it has no weight.
         survey = robust(gtsam.noiseModel.Diagonal.Precisions((point.std_m * weights.survey) ** -2.0))
-        graph.push_back(survey_factor(POINT(number), world_key, point.w_p_m, survey))
+        graph.add("survey", survey_factor(POINT(number), world_key, point.w_p_m, survey))
 
 
 def view_factor(

@@ -22,6 +22,7 @@ from backend.bundle.homography_factor import (
     transfer,
 )
 from backend.bundle.lens import FOCAL
+from backend.bundle.sensor_factors import SensorFactors
 from backend.measurements import PinholeModel, TrackedFrame
 from backend.robust import robust_unit
 
@@ -73,7 +74,7 @@ class FramePoses:
 
     def add(
         self,
-        graph: gtsam.NonlinearFactorGraph,
+        graph: SensorFactors,
         at: gtsam.Values,
         noise_factor: float,
     ) -> None:
@@ -86,4 +87,5 @@ class FramePoses:
             whitening = homography_whitening(noise_factor**2 * frame.covariance, by_slope[number])
             keys = POSE(frame.k), FRAME(number)
             rays, pixel = self._rays[number], self._k_pixel[number]
-            graph.push_back(homography_factor(keys, rays, pixel, self.plane, whitening, model))
+            factor = homography_factor(keys, rays, pixel, self.plane, whitening, model)
+            graph.add("frame homography", factor)

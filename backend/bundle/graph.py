@@ -1,4 +1,4 @@
-"""The pose-side factor graph of the planar bundle adjustment: sensors, calibration, gauge."""
+"""The pose-side factors of the planar bundle adjustment: sensors, calibration, gauge."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ from backend.bundle.inertial.graph import (
 from backend.bundle.lens import start_numbers, told_calibration, told_covariance
 from backend.bundle.noise_level import over_typical, positions_over_typical
 from backend.bundle.reported.graph import ReportedPart, add_reported
+from backend.bundle.sensor_factors import SensorFactors
 from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, FloorTracks, Measurements, PinholeModel, ReportedNoise
 
@@ -170,11 +171,9 @@ def start_variables(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> V
     return Variables(values, intersect_floor(tracks, camera, w_T_c))
 
 
-def pose_side_graph(
-    problem: BundleProblem, noise: NoiseLevels, start: gtsam.Values
-) -> gtsam.NonlinearFactorGraph:
+def pose_side_factors(problem: BundleProblem, noise: NoiseLevels, start: gtsam.Values) -> SensorFactors:
     """Build the factors of everything but the floor points: sensors, calibration and gauge."""
-    graph = gtsam.NonlinearFactorGraph()
+    graph = SensorFactors()
     _add_sensors(graph, problem, noise)
     lens = None if problem.self_calibrates else start_numbers(problem.camera)
     weights = ControlWeights(noise.control, noise.marks, problem.config.huber_sigmas)
@@ -183,14 +182,13 @@ def pose_side_graph(
         _add_calibration(graph, problem.camera)
     _add_gauge(graph, problem, start, noise)
     if problem.measurements.heights:
-        graph.push_back(heights_prior(start))
+        graph.add("barometer prior", heights_prior(start))
     add_aligned(graph, problem.measurements.aligned, problem.camera, start)
     b_T_c = problem.camera.b_T_c
     if problem.reported is not None:
         add_reported(graph, problem.reported, WORLD, b_T_c, noise.reported)
         if problem.inertial is None:
             problem.reported.path.frames.add(graph, start, NOMINAL_INERTIAL_NOISE.frames)
-    # Last, as the estimate of their noise expects.
     if problem.inertial is not None:
         add_inertial(graph, problem.inertial, start, WORLD, b_T_c, noise.inertial)
     return graph
@@ -203,13 +201,13 @@ def start_calibration(at: Variables, camera: PinholeModel) -> Variables:
     return Variables(values, at.point)
 
 
-def _add_calibration(graph: gtsam.NonlinearFactorGraph, camera: PinholeModel) -> None:
+def _add_calibration(graph: SensorFactors, camera: PinholeModel) -> None:
     """Add the prior on the calibration."""
     model = gtsam.noiseModel.Gaussian.Covariance(told_covariance(camera))
-    graph.push_back(gtsam.PriorFactorVector(CALIBRATION(0), told_calibration(camera), model))
+    graph.add("lens prior", gtsam.PriorFactorVector(CALIBRATION(0), told_calibration(camera), model))
 
 
-def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels) -> None:
+def _add_sensors(graph: SensorFactors, problem: BundleProblem, noise: NoiseLevels) -> None:
     """Add factors of attitudes, ranges and positions."""
     measurements, c_T_b = problem.measurements, problem.c_T_b
     robust = partial(gtsam.noiseModel.Robust.Create, gtsam.noiseModel.mEstimator.Huber.Create(1.345))
@@ -218,29 +216,29 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, nois
         for a, std in zip(measurements.attitudes, noise.roll_pitch_rad * ratio, strict=True):
             c_up = c_T_b[:3, :3] @ body_up(a.roll_pitch_yaw_rad)
             model = robust(gtsam.noiseModel.Isotropic.Sigma(2, std))
-            graph.push_back(level_factor(POSE(a.k), WORLD, c_up, model))
+            graph.add("attitude", level_factor(POSE(a.k), WORLD, c_up, model))
     if measurements.ranges:
         ratio = over_typical([r.std_m for r in measurements.ranges])
         for r, std in zip(measurements.ranges, noise.range_m * ratio, strict=True):
             model = robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
-            graph.push_back(scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b @ r.b_T_s))
+            factor = scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b @ r.b_T_s)
+            graph.add("range", factor)
     if measurements.positions:
         over = positions_over_typical(measurements.positions)
         for p, std_m in zip(measurements.positions, noise.position_m * over, strict=True):
             # An axis with an infinite deviation was not measured: it has no weight.
             precision = np.where(np.isfinite(p.std_m), std_m**-2.0, 0.0)
             model = robust(gtsam.noiseModel.Diagonal.Precisions(precision))
-            graph.push_back(scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
+            graph.add("position", scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
     if measurements.heights:
         ratio = over_typical([h.std_m for h in measurements.heights])
         for h, std in zip(measurements.heights, noise.height_m * ratio, strict=True):
             model = robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
-            graph.push_back(height_factor(POSE(h.k), WORLD, h.height_m, model, problem.camera.b_T_c))
+            factor = height_factor(POSE(h.k), WORLD, h.height_m, model, problem.camera.b_T_c)
+            graph.add("barometer height", factor)
 
 
-def _add_gauge(
-    graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, start: gtsam.Values, noise: NoiseLevels
-) -> None:
+def _add_gauge(graph: SensorFactors, problem: BundleProblem, start: gtsam.Values, noise: NoiseLevels) -> None:
     """Add priors that fix unobserved quantities at their initial values.
 
     The first keyframe's height in the poses' unit is always fixed (the scale is another variable). Without
@@ -250,9 +248,9 @@ def _add_gauge(
     measured, placed = problem.measurements, problem.measurements.placed
     first, plane = start.atPose3(POSE(0)), free if placed else held
     place = gtsam.noiseModel.Diagonal.Sigmas(np.array([plane, plane, held]))
-    graph.push_back(gtsam.PoseTranslationPrior3D(POSE(0), first, place))
+    graph.add("gauge", gtsam.PoseTranslationPrior3D(POSE(0), first, place))
     heading = gtsam.noiseModel.Diagonal.Sigmas(np.array([free, free, plane]))
-    graph.push_back(gtsam.PoseRotationPrior3D(POSE(0), first, heading))
+    graph.add("gauge", gtsam.PoseRotationPrior3D(POSE(0), first, heading))
     sigmas = np.full(WORLD_SIZE, held)
     sigmas[LOG_SCALE] = free if problem.has_scale else held
     raised = measured.control or any(np.isfinite(p.std_m[2]) for p in measured.positions)
@@ -271,7 +269,18 @@ def _add_gauge(
         sigmas[LOG_SCALE] = problem.scale_prior.log_std
         world[LOG_SCALE] += np.log(problem.scale_prior.ratio)
     model = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
-    graph.push_back(gtsam.PriorFactorVector(WORLD, world, model))
+    prior = gtsam.PriorFactorVector(WORLD, world, model)
+    graph.add("world prior", prior, _world_instruments(problem.scale_prior is not None))
+
+
+def _world_instruments(by_imu: bool) -> list[str]:
+    """Return the instrument of each number of the world; its scale may be told ``by_imu``."""
+    found = ["assumed"] * WORLD_SIZE
+    found[LOG_GAIN] = found[DATUM] = "range"
+    found[MOUNT] = ["pictures"] * len(found[MOUNT])
+    if by_imu:
+        found[LOG_SCALE] = "imu"
+    return found
 
 
 def metric_poses(problem: BundleProblem, values: gtsam.Values) -> Array:

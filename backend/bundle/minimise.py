@@ -12,9 +12,10 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
-from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, pose_side_graph
+from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, pose_side_factors
 from backend.bundle.observations import Cameras, FloorObservations
 from backend.bundle.reduced_system import LinearSystem, Structure
+from backend.bundle.sensor_factors import SensorFactors
 from backend.errors import BackendError
 from backend.gauge import key_name
 from backend.pose_graph.descent import (
@@ -41,7 +42,7 @@ class BundleCost:
     """Cost of a round: the factors of the pose side, and the observations of floor points."""
 
     problem: BundleProblem
-    pose_side: gtsam.NonlinearFactorGraph
+    pose_side: SensorFactors
     observations: FloorObservations
 
     @staticmethod
@@ -49,13 +50,13 @@ class BundleCost:
         problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_], start: gtsam.Values
     ) -> BundleCost:
         """Build the cost at the given noise levels; ``start`` holds what nothing observes."""
-        pose_side = pose_side_graph(problem, noise, start)
+        pose_side = pose_side_factors(problem, noise, start)
         return BundleCost(problem, pose_side, FloorObservations.of(problem, noise, used))
 
     def error(self, at: Variables) -> float:
         """Return half the sum of squared whitened residuals, with the robust losses."""
         cameras = Cameras.of(self.problem, at.values)
-        return float(self.pose_side.error(at.values)) + self.observations.error(cameras, at.point)
+        return float(self.pose_side.graph.error(at.values)) + self.observations.error(cameras, at.point)
 
     def not_finite(self, at: Variables) -> str:
         """Name the measurement that makes the error at the variables infinite or NaN."""
@@ -65,17 +66,19 @@ class BundleCost:
         if len(wrong):
             where = key_name(POSE(wrong[0]))
             return f"an observation of a floor point from {where} has no finite error: look for NaN in it"
-        return not_finite(self.pose_side, at.values)
+        return not_finite(self.pose_side.graph, at.values)
 
     def structure(self, at: Variables) -> Structure:
         """Return the order of elimination and the pattern of the linear systems."""
-        return Structure.of(self.pose_side, at.values, self.problem.measurements.count, self.observations)
+        return Structure.of(
+            self.pose_side.graph, at.values, self.problem.measurements.count, self.observations
+        )
 
     def linearise(self, at: Variables, structure: Structure) -> LinearSystem:
         """Return the linear system at the variables."""
         cameras = Cameras.of(self.problem, at.values)
         seen = self.observations.linearise(cameras, at.point, self.problem.self_calibrates)
-        return LinearSystem.at(self.pose_side, at.values, structure, seen)
+        return LinearSystem.at(self.pose_side.graph, at.values, structure, seen)
 
 
 @dataclass(frozen=True)

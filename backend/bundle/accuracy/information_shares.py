@@ -10,54 +10,31 @@ Source: Förstner and Wrobel 2016, section 4.2.3 (propagation of the observation
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
-import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B as BIAS
-from gtsam.symbol_shorthand import G as CONTROL_POINT
 from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.accuracy.ground_covariances import SeenGround, ground_jacobians
 from backend.bundle.accuracy.ground_size import gradients
-from backend.bundle.barometer import HEIGHTS
-from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
+from backend.bundle.factors import LOG_SCALE
 from backend.bundle.graph import (
     WORLD,
-    BundleProblem,
     metric_jacobians,
     metric_poses,
     origin,
     over_floor_jacobians,
 )
-from backend.bundle.inertial.graph import IMU
 from backend.bundle.minimise import BundleOptimum
-from backend.bundle.reported.graph import row_instruments
 from backend.bundle.world import WorldTransform
-from backend.preintegration.intervals import STATE_SIZE
 
 Array = NDArray[np.float64]
 
 DIRECTIONS = ("roll", "pitch", "yaw", "x", "y", "z", "scale", "height", "ground")
 _POSE, _SCALE, _HEIGHT, _GROUND = slice(0, 6), 6, slice(7, 8), slice(8, 14)
 """Columns of the gradient. The motion of the body that moves the ground in its picture has six."""
-_MEASURED = {1: "range", 2: "attitude", 3: "position", STATE_SIZE: "imu"}
-"""Rows of a measured factor that holds the world variable -> instrument."""
-
-
-def _letter(key: int) -> int:
-    return int(gtsam.Symbol(key).chr())
-
-
-_OWN_ERRORS = {
-    _letter(key): instrument
-    for key, instrument in (
-        (IMU, "imu"), (BIAS(0), "imu"), (CALIBRATION(0), "pictures"), (HEIGHTS, "barometer"),
-    )
-}  # fmt: skip
-"""Letter of a variable that holds errors of one instrument -> that instrument."""
 
 
 def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, float]]:
@@ -91,7 +68,7 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
         gradient[columns(WORLD).start + LOG_SCALE, _SCALE] = 1.0
     rows = np.asarray(jacobian @ np.vstack(reduced.solve(gradient, of_points)))
     pictures, floor = ["pictures"] * linear.seen.right.size, ["flat_floor"] * len(of_points)
-    instrument = np.array([*pictures, *floor, *_of_pose_side(optimum)])
+    instrument = np.array([*pictures, *floor, *optimum.cost.pose_side.instruments])
     names = sorted(set(instrument.tolist()))
     variance = np.array([_variances(rows[instrument == name], optimum, k) for name in names])
     shares = (variance / variance.sum(axis=0)).T
@@ -121,32 +98,3 @@ def _farthest(optimum: BundleOptimum) -> tuple[int, Array]:
     J = metric_jacobians(problem, values, origin(problem, values))[k]
     J[3:] = w_T_b[k, :3, :3] @ J[3:]
     return k, J
-
-
-def _of_pose_side(optimum: BundleOptimum) -> Iterator[str]:
-    """Yield the instrument of each row of the pose side's factors."""
-    graph = optimum.cost.pose_side
-    for factor in (graph.at(number) for number in range(graph.size())):
-        keys, size = list(factor.keys()), int(factor.dim())
-        if reported := row_instruments(keys, size):
-            yield from reported
-        elif not isinstance(factor, gtsam.CustomFactor):
-            own = _OWN_ERRORS.get(_letter(keys[0]), "assumed")
-            yield from _of_world(optimum.problem) if keys == [WORLD] else [own] * size
-        elif HEIGHTS in keys:
-            yield "barometer"
-        elif any(_letter(key) == _letter(CONTROL_POINT(0)) for key in keys):
-            yield from ["control"] * size
-        elif WORLD in keys:
-            yield from [_MEASURED[size]] * size
-        else:
-            yield from ["pictures"] * size
-
-
-def _of_world(problem: BundleProblem) -> list[str]:
-    """Return the instrument of each row of the prior on the world variable."""
-    found = np.full(WORLD_SIZE, "assumed", dtype=object)
-    found[[LOG_GAIN, DATUM]], found[MOUNT] = "range", "pictures"
-    if problem.scale_prior is not None:
-        found[LOG_SCALE] = "imu"
-    return [str(name) for name in found]

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
@@ -30,7 +29,6 @@ _NUMBERS: Mapping[Kind, tuple[str, str]] = {
 }
 """Numbers of the calibration that each kind of error changes."""
 LENS_KINDS: tuple[Kind, ...] = tuple(_NUMBERS)
-_POSITION_ROWS = 3
 
 
 def _numbers(model: LensModel) -> dict[Kind, list[int]]:
@@ -70,37 +68,20 @@ def added_columns(optimum: BundleOptimum, linear: LinearSystem, rows: int) -> Ad
     They are whitened, with the weights of the robust losses, in the order of the ``rows`` of
     `LinearSystem.jacobian`.
     """
-    graph = optimum.cost.pose_side
-    first_row = at = rows - sum(graph.at(number).dim() for number in range(graph.size()))
-    positions: list[tuple[int, int]] = []
-    for factor in (graph.at(number) for number in range(graph.size())):
-        keys, size, pose = factor.keys(), factor.dim(), _first_pose(factor)
-        if pose is not None and WORLD in keys and size == _POSITION_ROWS:
-            positions.append((at, pose))
-        at += size
     columns = _of_pixels(optimum, rows)
-    if positions:
-        columns["position offset"] = _of_positions(optimum, linear, rows, first_row, positions)
+    if optimum.problem.measurements.positions:
+        columns["position offset"] = _of_positions(optimum, linear, rows)
     return AddedColumns(columns, np.maximum(row_pictures(optimum), 0))
 
 
 def row_pictures(optimum: BundleOptimum) -> NDArray[np.int64]:
     """Return the keyframe (rows,) of each row of `LinearSystem.jacobian`, -1 for rows that belong to none."""
-    seen, graph = optimum.cost.observations, optimum.cost.pose_side
+    seen = optimum.cost.observations
     # The height of a point belongs to the last picture that shows it.
     last = np.zeros(len(optimum.at.point), dtype=np.int64)
     np.maximum.at(last, seen.track, seen.keyframe)
-    keyframe = [np.repeat(seen.keyframe, 2), np.repeat(last, 3)]
-    for factor in (graph.at(number) for number in range(graph.size())):
-        pose = _first_pose(factor)
-        keyframe.append(np.full(factor.dim(), -1 if pose is None else pose))
-    return np.concatenate(keyframe)
-
-
-def _first_pose(factor: gtsam.NonlinearFactor) -> int | None:
-    """Return the number of the first pose that a factor concerns; None without any."""
-    symbols = map(gtsam.Symbol, factor.keys())
-    return next((symbol.index() for symbol in symbols if symbol.chr() == ord("x")), None)
+    of_pose_side = optimum.cost.pose_side.keyframes
+    return np.concatenate([np.repeat(seen.keyframe, 2), np.repeat(last, 3), of_pose_side])
 
 
 def _of_pixels(optimum: BundleOptimum, rows: int) -> dict[Kind, Array]:
@@ -115,18 +96,15 @@ def _of_pixels(optimum: BundleOptimum, rows: int) -> dict[Kind, Array]:
     return columns
 
 
-def _of_positions(
-    optimum: BundleOptimum, linear: LinearSystem, rows: int, first_row: int, positions: list[tuple[int, int]]
-) -> Array:
-    """Return the columns (rows, 2): an offset moves a position as a motion of the camera does.
-
-    The rows of the pose side begin at ``first_row``.
-    """
+def _of_positions(optimum: BundleOptimum, linear: LinearSystem, rows: int) -> Array:
+    """Return the columns (rows, 2): an offset moves a position as a motion of the camera does."""
+    factors = optimum.cost.pose_side
+    mine = np.flatnonzero(factors.rows_of("position"))
     scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
     c_T_b = np.linalg.inv(optimum.problem.b_T_c(optimum.values))
     by_row, columns = linear.pose_side.tocsr(), np.zeros((rows, 2))
-    for at, k in positions:
-        moved = by_row[at - first_row : at - first_row + _POSITION_ROWS].toarray()
-        along = moved[:, linear.structure.columns(POSE(k))][:, 3:]
-        columns[at : at + _POSITION_ROWS] = along @ c_T_b[:3, :2] / scale
+    of_pose_side = columns[rows - by_row.shape[0] :]
+    for row, k in zip(mine.tolist(), factors.keyframes[mine].tolist(), strict=True):
+        along = by_row[[row]].toarray()[0, linear.structure.columns(POSE(k))][3:]
+        of_pose_side[row] = along @ c_T_b[:3, :2] / scale
     return columns

@@ -28,6 +28,7 @@ from backend.bundle.inertial.factor import (
     inertial_factor,
 )
 from backend.bundle.path_nodes import PathNodes, ends
+from backend.bundle.sensor_factors import SensorFactors
 from backend.bundle.world import WorldTransform
 from backend.measurements import Inertial, Measurements, PinholeModel
 from backend.preintegration.intervals import (
@@ -230,26 +231,27 @@ def without_unused(
 
 
 def add_inertial(
-    graph: gtsam.NonlinearFactorGraph,
+    graph: SensorFactors,
     part: InertialPart,
     at: gtsam.Values,
     world: int,
     b_T_c: Array,
     factors: InertialNoiseFactors,
 ) -> None:
-    """Add priors on biases and constants of the IMU, then the homographies, and the intervals last."""
+    """Add priors on biases and constants of the IMU, the homographies of pictures, and the intervals."""
     _add_biases(graph, part)
     constants = gtsam.noiseModel.Gaussian.Covariance(_constants_covariance(part.inertial))
-    graph.push_back(gtsam.PriorFactorVector(IMU, _nominal_constants(part), constants))
+    graph.add("inertial prior", gtsam.PriorFactorVector(IMU, _nominal_constants(part), constants))
     part.path.frames.add(graph, at, factors.frames)
     unit = robust_unit(STATE_SIZE)
     for interval in part.intervals:
         whitening = interval.whitening(factors.gyro, factors.accel)
         keys, by_gain = part.keys(interval, world), part.by_gain[interval.i]
-        graph.push_back(inertial_factor(interval, whitening, by_gain, keys, b_T_c, unit))
+        factor = inertial_factor(interval, whitening, by_gain, keys, b_T_c, unit)
+        graph.add("inertial interval", factor)
 
 
-def _add_biases(graph: gtsam.NonlinearFactorGraph, part: InertialPart) -> None:
+def _add_biases(graph: SensorFactors, part: InertialPart) -> None:
     """Add the prior on the bias, once for all chains, and the walk of the bias between these.
 
     The walk goes on where readings are lost. It may jump across intervals that were cut. The robust loss lets
@@ -260,13 +262,14 @@ def _add_biases(graph: gtsam.NonlinearFactorGraph, part: InertialPart) -> None:
     walks = np.maximum(np.repeat([noise.accel_walk, noise.gyro_walk], 3), _LEAST_WALK * offsets)
     runs = list(chains(part.intervals))
     first = gtsam.noiseModel.Diagonal.Sigmas(offsets)
-    graph.push_back(gtsam.PriorFactorConstantBias(BIAS(runs[0][0].i), none, first))
+    graph.add("inertial prior", gtsam.PriorFactorConstantBias(BIAS(runs[0][0].i), none, first))
     for before, after in pairwise(runs):
         left, right = before[-1].j, after[0].i
         walk = walks * np.sqrt(part.path.stamps_s[right] - part.path.stamps_s[left])
         jumps = any(left <= k < right for k in part.cut)
         model = robust(gtsam.noiseModel.Diagonal.Sigmas(np.hypot(walk, offsets if jumps else 0.0)))
-        graph.push_back(gtsam.BetweenFactorConstantBias(BIAS(left), BIAS(right), none, model))
+        between = gtsam.BetweenFactorConstantBias(BIAS(left), BIAS(right), none, model)
+        graph.add("inertial prior", between)
 
 
 def _nominal_constants(part: InertialPart) -> Array:

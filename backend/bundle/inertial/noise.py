@@ -10,6 +10,8 @@ redundancy (Hutchinson 1990).
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import gtsam
@@ -17,15 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.graph import WORLD, BundleProblem
-from backend.bundle.homography_factor import ROWS
 from backend.bundle.inertial.graph import (
     NOMINAL_INERTIAL_NOISE,
     InertialNoiseFactors,
-    InertialPart,
     add_inertial,
 )
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reduced_system import LinearSystem
+from backend.bundle.sensor_factors import Kind, SensorFactors
 from backend.errors import BackendError
 from backend.preintegration.intervals import MOTION, ROTATION, STATE_SIZE
 from backend.quantiles import chi_square_limit, chi_square_quantile
@@ -40,6 +41,8 @@ _NOMINAL_COUNT = 20
 _FALSE_CUTS = 1e-3
 """Probability that any of the intervals is cut by chance."""
 _MOST_TRIMS = 20
+_KINDS: tuple[Kind, Kind] = ("inertial interval", "frame homography")
+"""Factors whose noise is estimated."""
 
 
 @dataclass(frozen=True)
@@ -54,26 +57,31 @@ class _Squares:
     frames: float
 
     @staticmethod
-    def of(part: InertialPart, errors: Array) -> _Squares:
-        """Add up the last errors of the pose side (rows, ...), averaged over further axes."""
-        count = len(part.intervals)
-        squares = np.mean((errors**2).reshape(len(errors), -1), axis=1)
-        of_intervals = squares[-STATE_SIZE * count :].reshape(count, STATE_SIZE)
-        before = squares[: -STATE_SIZE * count]
+    def of(intervals: Array, frames: Array) -> _Squares:
+        """Add up errors of ``intervals`` and ``frames`` (rows, ...), averaged over further axes."""
+        of_intervals = _mean_squares(intervals).reshape(-1, STATE_SIZE)
         return _Squares(
             gyro=of_intervals[:, ROTATION].sum(axis=1),
             accel=of_intervals[:, MOTION].sum(axis=1),
             walk=of_intervals[:, MOTION.stop :].sum(axis=1),
-            frames=float(before[len(before) - ROWS * len(part.path.frames.frames) :].sum()),
+            frames=float(_mean_squares(frames).sum()),
         )
 
+    @staticmethod
+    def at(factors: SensorFactors, values: gtsam.Values) -> _Squares:
+        """Add up the whitened errors of some factors at ``values``, without robust weights."""
+        return _Squares.of(*(_errors(factors.of_kind(kind), values) for kind in _KINDS))
 
-def _errors(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, part: InertialPart) -> Array:
-    """Return the whitened errors of homographies and intervals, the last ones of a graph, without robust
-    weights."""
-    count = len(part.path.frames.frames) + len(part.intervals)
-    factors = [graph.at(k) for k in range(graph.size() - count, graph.size())]
-    return np.concatenate([f.unwhitenedError(values) for f in factors if isinstance(f, gtsam.CustomFactor)])
+
+def _mean_squares(errors: Array) -> Array:
+    """Return the squares (rows,) of errors (rows, ...), averaged over further axes."""
+    return np.asarray(np.mean((errors**2).reshape(len(errors), math.prod(errors.shape[1:])), axis=1))
+
+
+def _errors(factors: Iterable[gtsam.NonlinearFactor], values: gtsam.Values) -> Array:
+    """Return the errors (rows,) of factors, whose own code whitens them."""
+    each = [factor.unwhitenedError(values) for factor in factors if isinstance(factor, gtsam.CustomFactor)]
+    return np.concatenate([np.zeros(0), *each])
 
 
 def start_factors(problem: BundleProblem, values: gtsam.Values) -> InertialNoiseFactors:
@@ -81,9 +89,9 @@ def start_factors(problem: BundleProblem, values: gtsam.Values) -> InertialNoise
     part = problem.inertial
     if part is None:
         return NOMINAL_INERTIAL_NOISE
-    graph = gtsam.NonlinearFactorGraph()
-    add_inertial(graph, part, values, WORLD, problem.camera.b_T_c, NOMINAL_INERTIAL_NOISE)
-    squares = _Squares.of(part, _errors(graph, values, part))
+    factors = SensorFactors()
+    add_inertial(factors, part, values, WORLD, problem.camera.b_T_c, NOMINAL_INERTIAL_NOISE)
+    squares = _Squares.at(factors, values)
     gyro, accel = (
         max(1.0, float(np.sqrt(np.median(found) / chi_square_quantile(0.5, rows.stop - rows.start))))
         for found, rows in ((squares.gyro, ROTATION), (squares.accel, MOTION))
@@ -101,8 +109,9 @@ def estimate_inertial_noise(optimum: BundleOptimum) -> tuple[InertialNoiseFactor
     part, noise = optimum.problem.inertial, optimum.noise.inertial
     if part is None:
         return noise, np.ones(0, dtype=bool)
-    found = _Squares.of(part, _errors(optimum.cost.pose_side, optimum.values, part))
-    expected = _Squares.of(part, _residuals_of_draws(optimum.linearise()))
+    factors = optimum.cost.pose_side
+    found, left = _Squares.at(factors, optimum.values), _residuals_of_draws(optimum.linearise())
+    expected = _Squares.of(*(left[factors.rows_of(kind)] for kind in _KINDS))
     limit = chi_square_limit(_FALSE_CUTS / len(part.intervals), STATE_SIZE)
     kept, gyro, accel = np.ones(len(part.intervals), dtype=bool), 1.0, 1.0
     for _ in range(_MOST_TRIMS):

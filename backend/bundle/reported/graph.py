@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -26,6 +26,7 @@ from backend.bundle.reported.factor import (
 )
 from backend.bundle.reported.integrate import ReportedInterval, integrate_reported
 from backend.bundle.reported.noise import Step, identify_reported_noise
+from backend.bundle.sensor_factors import SensorFactors
 from backend.bundle.world import WorldTransform
 from backend.measurements import Measurements, PinholeModel, ReportedMotion, ReportedNoise
 from backend.robust import robust_unit
@@ -148,16 +149,8 @@ def _constants_covariance(motion: ReportedMotion, gain_std: float) -> Array:
     return covariance
 
 
-def row_instruments(keys: Sequence[int], rows: int) -> tuple[str, ...]:
-    """Return the instrument of each of the ``rows`` of a factor of this part; none for another factor."""
-    if list(keys) == [REPORTED]:
-        return _OF_CONSTANTS
-    is_own = REPORTED in keys or gtsam.Symbol(keys[0]).chr() == gtsam.Symbol(ERROR(0)).chr()
-    return _OF_CHANNELS[:rows] if is_own else ()
-
-
 def add_reported(
-    graph: gtsam.NonlinearFactorGraph,
+    graph: SensorFactors,
     part: ReportedPart,
     world: int,
     b_T_c: Array,
@@ -166,12 +159,14 @@ def add_reported(
     """Add the prior on the constants, the errors that fade, and the intervals."""
     motion = part.motion
     prior = gtsam.noiseModel.Gaussian.Covariance(_constants_covariance(motion, part.gain_std))
-    graph.push_back(gtsam.PriorFactorVector(REPORTED, nominal_constants(), prior))
+    constants = gtsam.PriorFactorVector(REPORTED, nominal_constants(), prior)
+    graph.add("reported prior", constants, _OF_CONSTANTS)
     unit, nodes = gtsam.noiseModel.Unit.Create(CHANNELS), ends(part.intervals)
-    graph.push_back(gtsam.PriorFactorVector(ERROR(nodes[0]), np.zeros(CHANNELS), unit))
+    start = gtsam.PriorFactorVector(ERROR(nodes[0]), np.zeros(CHANNELS), unit)
+    graph.add("reported prior", start, _OF_CHANNELS)
     for i, j in pairwise(nodes):
         kept = np.exp((part.path.stamps_s[i] - part.path.stamps_s[j]) / np.array(noise.time_s))
-        graph.push_back(_fading((ERROR(i), ERROR(j)), kept))
+        graph.add("reported prior", _fading((ERROR(i), ERROR(j)), kept), _OF_CHANNELS)
     rows = CHANNELS if motion.tells_turns else CHANNELS - 1
     model = robust_unit(rows)
     for one in part.intervals:
@@ -179,7 +174,8 @@ def add_reported(
             part.path.keys[one.i], part.path.keys[one.j], ERROR(one.i), ERROR(one.j), world, REPORTED
         )
         interval_noise = IntervalNoise.of(one, noise, part.jumps.get(one.i, np.zeros(CHANNELS)))
-        graph.push_back(reported_factor(one, interval_noise, keys, b_T_c, rows, model))
+        factor = reported_factor(one, interval_noise, keys, b_T_c, rows, model)
+        graph.add("reported interval", factor, _OF_CHANNELS[:rows])
 
 
 def _fading(keys: tuple[int, int], kept: Array) -> gtsam.CustomFactor:

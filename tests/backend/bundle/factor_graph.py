@@ -59,7 +59,7 @@ def factor_graph(cost: BundleCost) -> gtsam.NonlinearFactorGraph:
     flat = gtsam.noiseModel.Diagonal.Sigmas(seen.prior_std)
     for t in range(len(seen.first) - 1):
         graph.push_back(gtsam.PriorFactorPoint3(POINT(t), np.zeros(3), flat))
-    graph.push_back(cost.pose_side)
+    graph.push_back(cost.pose_side.graph)
     return graph
 
 

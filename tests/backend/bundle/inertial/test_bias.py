@@ -16,6 +16,7 @@ from backend.bundle.homography_factor import ImagePlane
 from backend.bundle.inertial.factor import gain_effect
 from backend.bundle.inertial.graph import NOMINAL_INERTIAL_NOISE, InertialPart, add_inertial
 from backend.bundle.path_nodes import PathNodes
+from backend.bundle.sensor_factors import SensorFactors
 from backend.bundle.world import WorldTransform
 from backend.measurements import GRAVITY_M_S2, Inertial, InertialNoise, InertialReadings
 from backend.preintegration.intervals import NO_BIAS, chains, preintegrate
@@ -55,7 +56,9 @@ def hovered(lost_s: tuple[float, ...], jump_m_s2: float = 0.0) -> tuple[Inertial
     sigmas[MOUNT] = 0.2
     graph.push_back(gtsam.PriorFactorVector(WORLD, world, gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
     start = part.start(values, WorldTransform(world, NADIR))
-    add_inertial(graph, part, start, WORLD, NADIR, NOMINAL_INERTIAL_NOISE)
+    readings = SensorFactors()
+    add_inertial(readings, part, start, WORLD, NADIR, NOMINAL_INERTIAL_NOISE)
+    graph.push_back(readings.graph)
     found = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize()
     covariance = gtsam.Marginals(graph, found).marginalCovariance(WORLD)
     return part, found, float(np.sqrt(covariance[MOUNT, MOUNT][0, 0]))

@@ -11,6 +11,7 @@ from gtsam.symbol_shorthand import X as POSE
 
 from backend.bundle.factors import LOG_SCALE, WORLD_SIZE
 from backend.bundle.inertial.graph import InertialPart
+from backend.bundle.inertial.noise import estimate_inertial_noise
 from backend.bundle.refinement import refine
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
@@ -54,6 +55,19 @@ def test_readings_connect_both_sides_of_a_gap(made):
     # Noise of the stated size is left as it is.
     assert bundle.noise.inertial.gyro < 1.3
     assert bundle.noise.inertial.accel < 1.3
+
+
+def test_the_noise_of_the_readings_is_that_of_their_own_factors(made):
+    """A factor of anything else changes nothing, wherever it stands in the graph."""
+    optimum = refine(made.measurements, made.start).optimum
+    before, kept = estimate_inertial_noise(optimum)
+    first = optimum.values.atPose3(POSE(0))
+    off = first.compose(gtsam.Pose3(gtsam.Rot3(), gtsam.Point3(100.0, 0.0, 0.0)))
+    loose = gtsam.noiseModel.Isotropic.Sigma(6, 1e3)
+    optimum.cost.pose_side.add("gauge", gtsam.PriorFactorPose3(POSE(0), off, loose))
+    after, same = estimate_inertial_noise(optimum)
+    np.testing.assert_allclose(after, before, rtol=0.05)
+    np.testing.assert_array_equal(same, kept)
 
 
 def test_readings_connect_both_sides_of_a_gap_without_pictures_between_keyframes(made):

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from backend.bundle.accuracy.information_shares import information_shares
+from backend.bundle.accuracy.systematic_errors import error_test
+from backend.bundle.accuracy.systematic_terms import LENS_KINDS
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.factor import BIAS, GAINS
 from backend.bundle.reported.graph import REPORTED
@@ -45,6 +47,18 @@ def test_poses_behind_a_gap_are_as_far_off_as_their_covariances_say():
         bundle = refined(made)
         found.append(nees(bundle.w_T_b, made.w_T_b, bundle.covariances)[-1])
     assert chi_square_limit(1 - 1e-3, 60) < sum(found) < chi_square_limit(1e-3, 60)
+
+
+@pytest.mark.parametrize("tells_turns", [True, False])
+def test_reported_motion_is_no_position(tells_turns):
+    """An offset of positions is an error that a flight without positions cannot have."""
+    made = make_reported(WHOLE, 0, Errors())
+    reported = made.measurements.reported
+    assert reported is not None
+    assert not made.measurements.positions
+    tested = error_test(refined(made, reported=replace(reported, tells_turns=tells_turns)))
+    assert tested is not None
+    assert set(tested.detectable) == set(LENS_KINDS)
 
 
 @pytest.mark.slow
