@@ -134,6 +134,90 @@ def test_a_pause_is_not_a_jump():
     assert remarks == []
 
 
+def both(stamps_ns):
+    """Return all streams sorted together, and the remarks."""
+    tables, remarks = sort_by_time({name: table(s) for name, s in stamps_ns.items()})
+    return {name: t.stamps_ns for name, t in tables.items()}, remarks
+
+
+@pytest.mark.parametrize("fixes_within", [0, 1, 2, 300])
+def test_a_stream_that_pauses_alone_keeps_its_stamps(fixes_within):
+    whole = {"imu0": regular(20, 1900, 1), "gps0": regular(1, 1900, 2)}
+    since_s = (whole["gps0"] - START) / 1e9
+    kept = (since_s < 150) | (since_s > 1750) | ((since_s > 850) & (since_s < 850 + fixes_within))
+    stamps = {"imu0": whole["imu0"], "gps0": whole["gps0"][kept]}
+    out, remarks = both(stamps)
+    np.testing.assert_array_equal(out["gps0"], stamps["gps0"])
+    np.testing.assert_array_equal(out["imu0"], stamps["imu0"])
+    assert remarks == []
+
+
+def test_a_stream_that_begins_after_the_clock_was_set_stays_aligned():
+    true = {"imu0": regular(200, seed=1), "gps0": regular(1, seed=2)}
+    moment = START + 33 * 10**9
+    true["gps0"] = true["gps0"][true["gps0"] > moment]
+    out, remarks = both({n: np.where(t < moment, t, t + HOUR) for n, t in true.items()})
+    moved = (out["imu0"] - true["imu0"])[-1]
+    np.testing.assert_array_equal(out["gps0"] - true["gps0"], moved)
+    assert abs(moved) <= 2 * 10**9 / 200
+    assert len(remarks) == 2
+
+
+@pytest.mark.parametrize("late", ["imu0", "gps0", "cam0"])
+def test_streams_that_come_back_one_after_the_other_show_a_pause(late):
+    """A clock that is set interrupts no stream. One that comes back 20 s late was switched off."""
+    true = {"imu0": regular(200, seed=1), "cam0": regular(15, seed=2), "gps0": regular(1, seed=3)}
+    moment = START + 33 * 10**9
+    paused = {n: np.where(t < moment, t, t + HOUR) for n, t in true.items()}
+    paused[late] = np.r_[
+        true[late][true[late] < moment], paused[late][paused[late] > moment + HOUR + 20 * 10**9]
+    ]
+    out, remarks = both(paused)
+    for name, stamps in paused.items():
+        np.testing.assert_array_equal(out[name], stamps)
+    assert len(remarks) == 1
+    assert "no stream has rows for 3600 s" in remarks[0]
+    assert late in remarks[0]
+
+
+def test_a_clock_that_jumps_by_years_was_set_even_where_a_stream_pauses():
+    true = {"imu0": regular(200, seed=1), "gps0": regular(1, seed=3)}
+    moment, years = START + 33 * 10**9, 20 * 365 * 24 * HOUR
+    true["gps0"] = true["gps0"][np.abs(true["gps0"] - moment) > 10**10]
+    out, _ = both({n: np.where(t < moment, t - years, t) for n, t in true.items()})
+    for name, stamps in true.items():
+        assert np.abs(out[name] - (stamps - years)).max() <= 2 * 10**9 / 200
+
+
+def test_a_stream_whose_clock_alone_is_set_is_moved_back():
+    true = {"imu0": regular(200, seed=1), "battery0": regular(5, seed=2)}
+    stamps = {**true, "battery0": np.where(true["battery0"] < START + 33 * 10**9, 0, HOUR) + true["battery0"]}
+    out, remarks = both(stamps)
+    np.testing.assert_array_equal(out["imu0"], true["imu0"])
+    assert np.abs(out["battery0"] - true["battery0"]).max() < 2 * 10**9 / 5
+    assert len(remarks) == 1
+
+
+@pytest.mark.parametrize("ahead", [660 * 10**9, -660 * 10**9])
+def test_a_jump_that_is_undone_is_repaired_although_others_go_on(ahead):
+    true = {"imu0": regular(20, 2400, 1), "gps0": regular(1, 2400, 2)}
+    since_s = (true["gps0"] - START) / 1e9
+    off = (since_s > 900) & (since_s < 1000)
+    out, remarks = both({**true, "gps0": true["gps0"] + np.where(off, ahead, 0)})
+    assert np.abs(out["gps0"] - true["gps0"]).max() < 4 * 10**9
+    np.testing.assert_array_equal(out["imu0"], true["imu0"])
+    assert len(remarks) == 2
+
+
+@pytest.mark.parametrize("ahead", [700 * 10**9, -700 * 10**9])
+def test_an_outlying_stamp_within_a_long_flight_is_dropped(ahead):
+    true = {"imu0": regular(20, 2400, 1), "gps0": regular(1, 2400, 2)}
+    bad = true["gps0"].copy()
+    bad[900] += ahead
+    out, _ = both({**true, "gps0": bad})
+    np.testing.assert_array_equal(out["gps0"], np.delete(true["gps0"], 900))
+
+
 def test_trusted_clocks_are_only_sorted():
     stamps = regular(1)
     stamps[20:] += 5 * HOUR
