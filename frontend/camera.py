@@ -69,8 +69,8 @@ class Camera:
     readout_s: float = 0.0
     """Readout time. Row i of n is exposed readout_s i / (n - 1) after the stamp; 0 for a global shutter."""
     lens: LensModel = "brown"
-    told: Camera | None = None
-    """The camera with the lens that was told, where this lens is an estimate: the deviations are about it."""
+    stated: Camera | None = None
+    """The camera with the stated lens, where this one is an estimate: the deviations are about it."""
 
     @property
     def has_free_mount(self) -> bool:
@@ -112,11 +112,11 @@ class Camera:
         return self.distortion if self.lens == "equidistant" else (*self.distortion, 0.0)[:5]
 
     @property
-    def told_numbers(self) -> tuple[float, ...]:
-        """(fx, fy, cx, cy) and coefficients that were told; a lens of another model had none."""
-        told = self.told or self
-        terms = told.all_distortion if told.lens == self.lens else (0.0,) * len(self.all_distortion)
-        return (*told.focal_px, *told.center_px, *terms)
+    def stated_numbers(self) -> tuple[float, ...]:
+        """(fx, fy, cx, cy) and coefficients that were stated; a lens of another model had none."""
+        stated = self.stated or self
+        terms = stated.all_distortion if stated.lens == self.lens else (0.0,) * len(self.all_distortion)
+        return (*stated.focal_px, *stated.center_px, *terms)
 
     @property
     def corners_px(self) -> Array:

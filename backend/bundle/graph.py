@@ -37,7 +37,7 @@ from backend.bundle.inertial.graph import (
     InertialPart,
     add_inertial,
 )
-from backend.bundle.lens import start_numbers, told_calibration, told_covariance
+from backend.bundle.lens import prior_calibration, prior_covariance, start_numbers
 from backend.bundle.noise_level import over_typical, positions_over_typical
 from backend.bundle.reported.graph import ReportedPart, add_reported
 from backend.bundle.sensor_factors import SensorFactors
@@ -203,8 +203,8 @@ def start_calibration(at: Variables, camera: PinholeModel) -> Variables:
 
 def _add_calibration(graph: SensorFactors, camera: PinholeModel) -> None:
     """Add the prior on the calibration."""
-    model = gtsam.noiseModel.Gaussian.Covariance(told_covariance(camera))
-    graph.add("lens prior", gtsam.PriorFactorVector(CALIBRATION(0), told_calibration(camera), model))
+    model = gtsam.noiseModel.Gaussian.Covariance(prior_covariance(camera))
+    graph.add("lens prior", gtsam.PriorFactorVector(CALIBRATION(0), prior_calibration(camera), model))
 
 
 def _add_sensors(graph: SensorFactors, problem: BundleProblem, noise: NoiseLevels) -> None:

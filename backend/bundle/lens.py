@@ -34,8 +34,8 @@ class LensEstimate:
     calibration: Array
     std: Array
     """Standard deviations; NaN if undetermined."""
-    told_std: Array
-    """Standard deviations of what was told before the flight."""
+    prior_std: Array
+    """Standard deviations of what was known before the flight."""
 
     @property
     def is_estimated(self) -> NDArray[np.bool_]:
@@ -44,7 +44,7 @@ class LensEstimate:
         The information of an estimate is that of the prior plus that of the flight. The flight has the larger
         share where the variance is below half of the prior's.
         """
-        return np.asarray((self.std**2 < 0.5 * self.told_std**2) & (self.told_std > _HELD))
+        return np.asarray((self.std**2 < 0.5 * self.prior_std**2) & (self.prior_std > _HELD))
 
 
 def is_uncertain(camera: PinholeModel) -> bool:
@@ -58,13 +58,13 @@ def start_numbers(camera: PinholeModel) -> Array:
     return np.array([*camera.focal_px, *camera.center_px, *camera.distortion])
 
 
-def told_calibration(camera: PinholeModel) -> Array:
-    """Return the calibration (q,) that is told, the mean of its prior."""
-    return start_numbers(camera) if camera.told is None else np.array(camera.told)
+def prior_calibration(camera: PinholeModel) -> Array:
+    """Return the calibration (q,) that is stated, the mean of its prior."""
+    return start_numbers(camera) if camera.stated is None else np.array(camera.stated)
 
 
-def told_covariance(camera: PinholeModel) -> Array:
-    """Return the covariance (q, q) of the calibration that is told."""
+def prior_covariance(camera: PinholeModel) -> Array:
+    """Return the covariance (q, q) of that prior."""
     focal = np.array(camera.focal_px)
     names = NAMES[camera.lens]
     sigmas = np.full(len(names), _HELD)

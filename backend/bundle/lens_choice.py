@@ -20,7 +20,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from numpy.typing import NDArray
 
 from backend.bundle.graph import BundleProblem, Variables
-from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, told_calibration, told_covariance
+from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, prior_calibration, prior_covariance
 from backend.bundle.lens_evidence import VERY_STRONG
 from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
 from backend.bundle.observations import Cameras
@@ -44,11 +44,12 @@ def fisheye_by_evidence(
     result is None where the fisheye is not better, or where the model of the lens is told or held.
     """
     brown = optimum.problem.camera
-    told, model_is_told = told_calibration(brown), any(told_calibration(brown)[TERMS])
-    if not optimum.problem.self_calibrates or brown.lens != "brown" or brown.radial_std == 0 or model_is_told:
+    prior = prior_calibration(brown)
+    is_free = optimum.problem.self_calibrates and brown.lens == "brown" and brown.radial_std > 0
+    if not is_free or prior[TERMS].any():
         return None
     none = (0.0,) * 4
-    camera = replace(brown, lens="equidistant", distortion=none, told=(*told[:4].tolist(), *none))
+    camera = replace(brown, lens="equidistant", distortion=none, stated=(*prior[:4].tolist(), *none))
     problem = replace(optimum.problem, camera=camera)
     values = gtsam.Values(optimum.values)
     values.erase(CALIBRATION(0))
@@ -69,9 +70,9 @@ def _log_evidence(optimum: BundleOptimum, error: float) -> float:
     Raises ``SingularMatrixError`` where the flight leaves a direction open.
     """
     camera = optimum.problem.camera
-    posterior, prior = optimum.linearise().eliminate().calibration_covariance, told_covariance(camera)
+    posterior, prior = optimum.linearise().eliminate().calibration_covariance, prior_covariance(camera)
     evidence = 0.5 * (np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(prior)[1]) - error
-    found = Cameras.of(optimum.problem, optimum.values).calibration - told_calibration(camera)
+    found = Cameras.of(optimum.problem, optimum.values).calibration - prior_calibration(camera)
     tangential = np.flatnonzero([name[0] == "p" for name in NAMES[camera.lens]])
     if len(tangential) and camera.tangential_std > 0:
         p, of_p = found[tangential], np.ix_(tangential, tangential)

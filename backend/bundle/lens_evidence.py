@@ -20,7 +20,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from numpy.typing import NDArray
 
 from backend.bundle.accuracy.systematic_terms import row_pictures
-from backend.bundle.lens import told_calibration, told_covariance
+from backend.bundle.lens import prior_calibration, prior_covariance
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
 from backend.bundle.residual_spread import autocorrelated_std
@@ -33,8 +33,8 @@ VERY_STRONG = 5.0
 1995, section 3.2)."""
 
 
-def log_evidence_of_priors(optimum: BundleOptimum, told: Sequence[PinholeModel]) -> Array:
-    """Return the logarithms of the marginal likelihoods of what cameras ``told``, up to a common constant.
+def log_evidence_of_priors(optimum: BundleOptimum, cameras: Sequence[PinholeModel]) -> Array:
+    """Return the logarithms of the marginal likelihoods of the lenses of ``cameras``, up to a constant.
 
     ``optimum`` was found under a prior with the same mean. What is extrapolated from a narrow one is less
     exact. The first of the cameras has the narrowest prior. Raises ``SingularMatrixError`` where the flight
@@ -42,16 +42,16 @@ def log_evidence_of_priors(optimum: BundleOptimum, told: Sequence[PinholeModel])
     """
     # The factor is not kept: that of a long flight is as large as all else of its refinement.
     found = optimum.linearise().eliminate().calibration_covariance
-    prior = told_covariance(optimum.problem.camera)
+    prior = prior_covariance(optimum.problem.camera)
     unit = np.sqrt(np.diag(prior))
     scale = np.outer(unit, unit)
     lens = Cameras.of(optimum.problem, optimum.values).calibration
-    off = (lens - told_calibration(optimum.problem.camera)) / unit
+    off = (lens - prior_calibration(optimum.problem.camera)) / unit
     posterior = np.linalg.inv(found / scale)
     information = posterior - np.linalg.inv(prior / scale)
     # The gradient of the likelihood by the told numbers: at the estimate, the prior holds against it.
     gradient = posterior @ off
-    priors = [told_covariance(camera) / scale for camera in told]
+    priors = [prior_covariance(camera) / scale for camera in cameras]
     under_narrowest = np.linalg.solve(information + np.linalg.inv(priors[0]), gradient)
     effect = _design_effect(optimum, posterior @ (off - under_narrowest) / unit)
     return np.array([_log_evidence(gradient / effect, information / effect, prior) for prior in priors])

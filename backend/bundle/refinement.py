@@ -52,7 +52,7 @@ from backend.bundle.graph import (
 )
 from backend.bundle.inertial.graph import InertialPart
 from backend.bundle.inertial.noise import start_factors
-from backend.bundle.lens import LensEstimate, start_numbers, told_covariance
+from backend.bundle.lens import LensEstimate, prior_covariance, start_numbers
 from backend.bundle.lens_choice import fisheye_by_evidence
 from backend.bundle.minimise import BundleMinimum, BundleOptimum
 from backend.bundle.noise import start_noise
@@ -189,10 +189,10 @@ def _with_heights(problem: BundleProblem, at: Variables) -> Variables:
     measured = problem.measurements
     if not measured.heights:
         return at
-    told = problem.has_lengths or measured.inertial is not None or measured.reported is not None
+    has_scale = problem.has_lengths or measured.inertial is not None or measured.reported is not None
     values = gtsam.Values(at.values)
     world, gain_zero = start_heights(
-        measured.heights, metric_poses(problem, values), values.atVector(WORLD), tells_scale=not told
+        measured.heights, metric_poses(problem, values), values.atVector(WORLD), tells_scale=not has_scale
     )
     values.update(WORLD, world)
     values.insert(HEIGHTS, gain_zero)
@@ -295,9 +295,9 @@ def _covariances(optimum: BundleOptimum) -> tuple[Array, Array, GroundSize]:
 
 
 def _lens(problem: BundleProblem, values: gtsam.Values, covariance: Array) -> LensEstimate:
-    told = np.sqrt(np.diag(told_covariance(problem.camera)))
+    prior_std = np.sqrt(np.diag(prior_covariance(problem.camera)))
     found, std = values.atVector(CALIBRATION(0)), np.sqrt(np.diag(covariance))
-    return LensEstimate(problem.camera.lens, found, std, told)
+    return LensEstimate(problem.camera.lens, found, std, prior_std)
 
 
 def _conditional_scale_std(covariance: Array) -> float:

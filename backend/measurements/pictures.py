@@ -42,7 +42,7 @@ class PinholeModel:
     mount_std_rad: float = 0.0
     """Standard deviation of the mount's tilt about the camera's x and y; 0 fixes the mount."""
     lens: LensModel = "brown"
-    told: tuple[float, ...] | None = None
+    stated: tuple[float, ...] | None = None
     """(fx, fy, cx, cy) and coefficients about which the deviations are; None: they are about those above."""
 
 

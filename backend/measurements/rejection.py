@@ -99,10 +99,10 @@ class Rejection:
         found = _MISFIT.search(self.figures) if self.check is LinkCheck.GRAPH else None
         return Misfit(float(found[1]), found[2], float(found[3])) if found else None
 
-    def figures_told(self, told: Callable[[str, str], str]) -> str:
-        """Return the figures with each quantity as ``told`` words its number and its unit: m, ``heights`` of
+    def figures_as_text(self, as_text: Callable[[str, str], str]) -> str:
+        """Return the figures with each quantity with its number and unit by ``as_text``: m, ``heights`` of
         the camera before metres are known, ``sigma`` or ``deg``."""
-        return _QUANTITY.sub(lambda found: told(found[1], found[2]), self.figures)
+        return _QUANTITY.sub(lambda found: as_text(found[1], found[2]), self.figures)
 
     def __str__(self) -> str:
         return f"{self.check.value}{self.check.joint if self.figures else ''}{self.figures}"

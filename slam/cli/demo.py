@@ -42,9 +42,9 @@ def demo(
         results = write_results(
             folder, estimate, flight, MosaicOptions(previous_output=out), progress, accuracy
         )
-    told = accuracy.evaluated
-    screen.print(outcome_table(results.facts, results.summary, results.mosaic, told.checks_lengths))
-    for table in told.tables:
+    result = accuracy.evaluated
+    screen.print(outcome_table(results.facts, results.summary, results.mosaic, result.checks_lengths))
+    for table in result.tables:
         screen.table(table)
     pictures = (
         "mosaic.png",

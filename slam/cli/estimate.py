@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from slam.cli.options import JSON, MODEL, OUT, QUIET, TOPICS, pipeline_config, request_of, told_model
+from slam.cli.options import JSON, MODEL, OUT, QUIET, TOPICS, pipeline_config, read_model, request_of
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -51,7 +51,7 @@ def estimate(
 
     screen = Screen(quiet, as_json)
     settings = pipeline_config(config, None)
-    instruments = told_model(model)
+    instruments = read_model(model)
     with output_folder(out) as folder, screen.progress() as progress:
         opened, _ = open_flight(source, progress, request_of(topic))
         show_sources(opened, screen)

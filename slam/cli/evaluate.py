@@ -42,26 +42,26 @@ def evaluate(
     folder = Path(os.path.realpath(folder))
     estimate = read_estimate(folder)
     evaluation = compare(estimate, mapped_flight(folder, truth, request))
-    told = evaluated(evaluation)
+    result = evaluated(evaluation)
     with locked(folder):
         write_evaluation(folder, evaluation)
-        in_report = _add_to_report(folder, told)
+        in_report = _add_to_report(folder, result)
     screen.json_file(folder / "evaluation.json")
-    for table in told.tables:
+    for table in result.tables:
         screen.table(table)
     if not in_report and (folder / "report.html").is_file():
         screen.line("report.html is of an earlier version and stays as it is; run slam optimize again")
     screen.files([folder / name for name in (*EVALUATE_NAMES, *(["report.html"] * in_report))])
 
 
-def _add_to_report(folder: Path, told: Evaluated) -> bool:
+def _add_to_report(folder: Path, result: Evaluated) -> bool:
     """Write the result into the report of the map; return False where no report has a place for it."""
     from slam.io.atomic import write_whole
     from slam.report.evaluation_in_report import with_evaluation
 
     path = folder / "report.html"
     page = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
-    changed = with_evaluation(page, told, folder)
+    changed = with_evaluation(page, result, folder)
     if changed is not None:
         write_whole(path, changed.encode())
     return changed is not None

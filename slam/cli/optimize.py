@@ -137,7 +137,7 @@ def _flights(
     from slam.cli.sources_table import show_sources
     from slam.io.exports.foxglove.foxglove_file import require_packages
 
-    instruments = options.told_model(wanted.model)
+    instruments = options.read_model(wanted.model)
     if wanted.mcap:
         require_packages()
     if mosaic.crs is not None:

@@ -122,7 +122,7 @@ def _is_given(context: typer.Context, name: str | None) -> bool:
     return source is not None and source.name == "COMMANDLINE"
 
 
-def told_model(model: Path | str | None) -> Model | None:
+def read_model(model: Path | str | None) -> Model | None:
     """Return the model of the instruments' errors that an option names; None without it."""
     if model is None:
         return None

@@ -120,10 +120,10 @@ def _write_in_system(folder: Path, estimate: Estimate, system: str) -> tuple[str
         return (f"--crs {system}: no rasters in it, since the map was not placed on Earth",)
     try:
         targets = {name: folder / written for name, written in names.items()}
-        told, *stretch, heights = write_rasters(estimate, folder, targets, system)
+        colours, *stretch, heights = write_rasters(estimate, folder, targets, system)
     except InputError as refusal:
         return (f"no rasters in another system: {refusal}",)
-    return (Note(f"{', '.join(names.values())}: {told}; {heights}"), *stretch)
+    return (Note(f"{', '.join(names.values())}: {colours}; {heights}"), *stretch)
 
 
 def write_solution(folder: Path, estimate: Estimate, graph: PoseGraph) -> None:

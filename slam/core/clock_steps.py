@@ -38,14 +38,14 @@ def without_clock_steps(flight: Flight) -> Flight:
             for gap in gaps_of_one(getattr(flight, name).stamps_s, getattr(flight, other).stamps_s):
                 if _is_set_forward(flight, name, gap):
                     flight = flight.restamped([name], gap.closed).with_warning(
-                        told_step(f"{name}0", gap, f"{other}0")
+                        step_warning(f"{name}0", gap, f"{other}0")
                     )
         if flight is before:
             break
     return flight
 
 
-def told_step(folder: str, gap: StampGap, other: str) -> str:
+def step_warning(folder: str, gap: StampGap, other: str) -> str:
     """Describe a gap that was closed because the motion in ``other`` shows that no time was lost."""
     return (
         f"{folder}: its clock steps by {gap.lost_s:+.3f} s at {gap.last_s:.2f} s, as the motion in {other} "
@@ -58,10 +58,10 @@ def clock_step_left(flight: Flight) -> str:
     clock = attitude_clock(flight)
     if clock is None or len(clock.pieces) < 2:
         return ""
-    return told_steps_left("attitude0", "imu0", clock)
+    return steps_left_warning("attitude0", "imu0", clock)
 
 
-def told_steps_left(folder: str, other: str, clock: PictureClock) -> str:
+def steps_left_warning(folder: str, other: str, clock: PictureClock) -> str:
     """Describe steps of a stream's clock against that of another one that are not corrected."""
     steps = [
         f"{with_error(after.delay_s - before.delay_s, np.hypot(after.std_s, before.std_s), '+')} s at "

@@ -103,8 +103,8 @@ class GroundFacts:
     @property
     def untrusted(self) -> str:
         """Shares of the map whose heights are not to be trusted, each with its reason; empty without any."""
-        told = [f"{percent(share)} {why}" for share, why in self._untrusted if share]
-        return ", ".join(told[:-1]) + ", and " * (len(told) > 1) + "".join(told[-1:])
+        lines = [f"{percent(share)} {why}" for share, why in self._untrusted if share]
+        return ", ".join(lines[:-1]) + ", and " * (len(lines) > 1) + "".join(lines[-1:])
 
     @property
     def _untrusted(self) -> tuple[tuple[float, str], ...]:

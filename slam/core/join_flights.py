@@ -216,8 +216,8 @@ def _gps(parts: list[Gps]) -> Gps | None:
 
 def _accuracy(parts: list[Gps]) -> dict[str, Any]:
     """Return the accuracy of joined positions: of each fix where that of one flight is not that of all."""
-    told = {part.noise_std_m for part in parts}
-    if len(told) == 1 and all(part.stds_m is None for part in parts):
+    stated = {part.noise_std_m for part in parts}
+    if len(stated) == 1 and all(part.stds_m is None for part in parts):
         return {}
     stds_m = _concatenated(parts, "each_std_m")
     east, north, up = np.median(stds_m, axis=0).tolist()

@@ -76,7 +76,7 @@ def axes_of_all(flights: Sequence[Flight]) -> tuple[list[Remark], list[str]]:
     """Return the wrong axes of all flights, and descriptions of axes that none of them shows."""
     each = [wrong_axes(flight) for flight in flights]
     names = flights_to_name([flight.name for flight in flights])
-    wrong = [replace(found, flight=n) for n, (told, _) in zip(names, each, strict=True) for found in told]
+    wrong = [replace(found, flight=n) for n, (faults, _) in zip(names, each, strict=True) for found in faults]
     hidden = [set(unknown) for _, unknown in each]
     return wrong, sorted(set.intersection(*hidden)) if hidden else []
 

@@ -132,13 +132,13 @@ def _mean_of_squares(whitened: Array, shared: Array) -> tuple[Array, Array]:
     n, dof = whitened.shape
     U = shared.reshape(len(shared), n * dof)
     variance, mode = np.linalg.eigh(U @ U.T / n)
-    told = variance > _SINGULAR
-    along = mode[:, told].T @ U
-    off = whitened - ((along @ whitened.ravel() / (n * variance[told])) @ along).reshape(n, dof)
+    known = variance > _SINGULAR
+    along = mode[:, known].T @ U
+    off = whitened - ((along @ whitened.ravel() / (n * variance[known])) @ along).reshape(n, dof)
     left = np.clip(1 - np.mean(np.sum(shared**2, axis=0), axis=0), _SINGULAR, 1.0)
     squares = float(left**2 @ _inflation(off, left)) / n
-    weights = np.append(variance[told], squares / left.sum())
-    return weights, np.append(np.ones(told.sum()), left.sum() ** 2 / squares)
+    weights = np.append(variance[known], squares / left.sum())
+    return weights, np.append(np.ones(known.sum()), left.sum() ** 2 / squares)
 
 
 def _inflation(sequence: Array, variance: Array) -> Array:

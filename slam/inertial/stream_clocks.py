@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from backend.clocks.delay_residuals import LONGEST_DELAY_S
 from backend.clocks.gap_steps import LONGEST_LAG_S, StampGap, gaps_of_one, is_step
 from backend.clocks.picture_clock import PictureClock, clock_of
-from slam.core.clock_steps import told_step, told_steps_left
+from slam.core.clock_steps import step_warning, steps_left_warning
 from slam.core.flight import STREAMS, Flight
 from slam.inertial.imu_motion import COMPARED, ImuMotion, changes_against, delay_grid
 from slam.inertial.instruments import InertialTrust
@@ -39,11 +39,11 @@ def without_stream_steps(
         folder = STREAMS[name].folder
         for gap in gaps_of_one(_stamps_s(flight, name), _stamps_s(flight, "imu")):
             if _fits_surely(flight, name, motion, motion.opened(gap), gap):
-                flight = flight.restamped([name], gap.closed).with_warning(told_step(folder, gap, "imu0"))
+                flight = flight.restamped([name], gap.closed).with_warning(step_warning(folder, gap, "imu0"))
         residuals = changes_against(flight, name, motion, delay_grid(_longest_delay_s(motion)))
         clock = None if residuals is None else clock_of(residuals, _GAIN_ERROR)
         if clock is not None and _steps_notably(clock) and _is_within(clock):
-            left.append(told_steps_left(folder, "imu0", clock))
+            left.append(steps_left_warning(folder, "imu0", clock))
     return flight, motion, left
 
 
@@ -62,7 +62,7 @@ def _with_imu_gaps_closed(
             ):
                 continue
             flight = flight.restamped(["imu", "attitude"], gap.closed)
-            flight = flight.with_warning(told_step("imu0", gap, STREAMS[name].folder))
+            flight = flight.with_warning(step_warning("imu0", gap, STREAMS[name].folder))
             moved = ImuMotion.of(flight, trust)
             assert moved is not None
             motion = moved

@@ -20,8 +20,8 @@ def with_accuracy(positions: Array, std_m: Array) -> Array:
 
     What is no positive number is NaN, and so is the accuracy of a row without a position.
     """
-    is_told = np.isfinite(positions[:, :1]) & (std_m > 0)
-    return np.hstack([positions, np.where(is_told, std_m, np.nan)])
+    is_stated = np.isfinite(positions[:, :1]) & (std_m > 0)
+    return np.hstack([positions, np.where(is_stated, std_m, np.nan)])
 
 
 def typical_accuracy(std_m: Array) -> tuple[float, float, float] | None:

@@ -26,7 +26,7 @@ from slam.mapping.calibration.antenna import (
     antenna_height_note,
     antenna_m,
     antenna_place,
-    antenna_untold_warning,
+    unknown_antenna_warning,
 )
 from slam.mapping.calibration.barometer_errors import barometer_errors, barometer_warning
 from slam.mapping.calibration.camera_mount import mount_tilt
@@ -181,7 +181,7 @@ def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, 
     try:
         tested = error_test(map_.bundle)
         is_assumed = gps is not None and gps.antenna_assumed
-        line = antenna_untold_warning(map_.bundle, tested) if tested and is_assumed else ""
+        line = unknown_antenna_warning(map_.bundle, tested) if tested and is_assumed else ""
         lines = [each for each in (line, antenna_height_note(map_.bundle)) if each]
         suspect = tested is not None and is_held_lens_suspect(map_.bundle, tested)
         return tested.errors if tested else None, lines, suspect

@@ -34,19 +34,19 @@ VIEW_STD_PX = 1.0
 class Surveyed:
     """A surveyed point in the world of the map."""
 
-    told: SurveyedPoint
+    survey: SurveyedPoint
     point: ControlPoint
     """Its coordinates in the world, and its views in keyframes."""
 
     @property
     def may_be_used(self) -> bool:
         """Whether the map may follow it."""
-        return self.told.role == "control" and self.can_be_compared
+        return self.survey.role == "control" and self.can_be_compared
 
     @property
     def can_be_compared(self) -> bool:
         """Whether pictures give its place, and its coordinates have no fault."""
-        return len(self.point.keyframe) >= LEAST_VIEWS and not self.told.fault
+        return len(self.point.keyframe) >= LEAST_VIEWS and not self.survey.fault
 
 
 def surveyed_in_world(
@@ -56,16 +56,16 @@ def surveyed_in_world(
     if not flight.surveyed or origin is None or flight.frames is None:
         return ()
     keyframe = {flight.frames.names[frame]: k for k, frame in enumerate(frame_index.tolist())}
-    return tuple(Surveyed(told, _in_world(told, origin, keyframe)) for told in flight.surveyed)
+    return tuple(Surveyed(survey, _in_world(survey, origin, keyframe)) for survey in flight.surveyed)
 
 
-def _in_world(told: SurveyedPoint, origin: GeoOrigin, keyframe: Mapping[str, int]) -> ControlPoint:
-    place = enu_from_geodetic(told.latitude_deg, told.longitude_deg, told.altitude_m, origin)[0]
-    std_m = np.where(np.isfinite(place), told.std_m, np.inf)
-    views = [(keyframe[v.picture], v.u_px, v.v_px) for v in told.views if v.picture in keyframe]
+def _in_world(survey: SurveyedPoint, origin: GeoOrigin, keyframe: Mapping[str, int]) -> ControlPoint:
+    place = enu_from_geodetic(survey.latitude_deg, survey.longitude_deg, survey.altitude_m, origin)[0]
+    std_m = np.where(np.isfinite(place), survey.std_m, np.inf)
+    views = [(keyframe[v.picture], v.u_px, v.v_px) for v in survey.views if v.picture in keyframe]
     table = np.array(views, dtype=float).reshape(-1, 3)
     seen_by = table[:, 0].astype(np.int64)
-    return ControlPoint(told.name, np.nan_to_num(place), std_m, seen_by, table[:, 1:], VIEW_STD_PX)
+    return ControlPoint(survey.name, np.nan_to_num(place), std_m, seen_by, table[:, 1:], VIEW_STD_PX)
 
 
 @dataclass(frozen=True)
@@ -194,9 +194,9 @@ class ControlVerdict:
             if not compared:
                 return report
             offset_m, std_m = _mean_residual([rows[k] for k in compared])
-            datum_m = max(self.points[k].told.datum_std_m for k in compared)
+            datum_m = max(self.points[k].survey.datum_std_m for k in compared)
             std_m = np.hypot(std_m, [datum_m, datum_m, 0.0])
-        altitudes = [self.points[k].told.altitude_m for k in compared]
+        altitudes = [self.points[k].survey.altitude_m for k in compared]
         known = [z for z in altitudes if np.isfinite(z)]
         return replace(
             report,
@@ -208,11 +208,11 @@ class ControlVerdict:
         )
 
     def _residual(self, k: int, used: bool) -> PointResidual:
-        told, point, place = self.points[k].told, self.points[k].point, self.located.get(k)
+        survey, point, place = self.points[k].survey, self.points[k].point, self.located.get(k)
         row = PointResidual(
-            name=told.name, role=told.role, used=used, reason=told.fault, views=len(point.keyframe)
+            name=survey.name, role=survey.role, used=used, reason=survey.fault, views=len(point.keyframe)
         )
-        if told.fault:
+        if survey.fault:
             return row
         if self.placed:
             here_m = np.where(np.isfinite(point.std_m), point.w_p_m, np.nan)
@@ -224,7 +224,7 @@ class ControlVerdict:
         std = np.sqrt(np.diag(place.covariance) + (self.scale * point.std_m) ** 2)
         pixels = float(np.sqrt(np.mean(np.sum(place.residual_px**2, axis=1))))
         row = replace(row, residual_m=triple(off), std_m=triple(std), residual_px=pixels)
-        if used or told.role == "check":
+        if used or survey.role == "check":
             return row
         if (usable := sum(s.may_be_used for s in self.points)) < LEAST_POINTS:
             return replace(row, reason=f"{usable} can be used, and {LEAST_POINTS} are needed")

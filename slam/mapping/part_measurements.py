@@ -104,5 +104,5 @@ def pinhole_model(camera: Camera) -> PinholeModel:
         tangential_std=camera.tangential_std,
         mount_std_rad=camera.mount_std_rad or 0.0,
         lens=camera.lens,
-        told=camera.told_numbers if camera.told else None,
+        stated=camera.stated_numbers if camera.stated else None,
     )

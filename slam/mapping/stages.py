@@ -28,7 +28,7 @@ from slam.mapping.calibration.refuted import (
     Freed,
     Refuted,
     freed_by,
-    is_told_lens_doubted,
+    is_stated_lens_doubted,
     lens_by_evidence,
     suspects,
     with_lens_of,
@@ -212,8 +212,8 @@ def freed_calibrations(
         return Freed(with_lens_of(camera, refined.camera), gps)
     suspected = suspects(refined.bundle, errors)
     if errors is None or not suspected.refuted:
-        doubted = lens_is_suspect or is_told_lens_doubted(camera, refined)
-        return _freed_from_told(context, refined) if doubted else None
+        doubted = lens_is_suspect or is_stated_lens_doubted(camera, refined)
+        return _freed_from_stated(context, refined) if doubted else None
     with context.timer("refine"):
         trial = refine_map(refined, suspected.free(context.setup), context.job.progress)
     refuted, reason = freed_by(trial.bundle, suspected, errors)
@@ -225,7 +225,7 @@ def freed_calibrations(
     return Freed(camera, gps, refuted, reason)
 
 
-def _freed_from_told(context: Context, refined: Map) -> Freed | None:
+def _freed_from_stated(context: Context, refined: Map) -> Freed | None:
     """Return the lens with a wider prior, if its evidence is much stronger than that of what is told."""
     camera = context.job.camera
     with context.timer("refine"):

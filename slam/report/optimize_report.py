@@ -125,8 +125,8 @@ def render(
     timed = facts.placed > 1 and not facts.is_graph
     marks = MapMarks(unit(facts.metric), estimate.origin is not None, surveyed_marks(estimate.control))
     ground = mosaic_facts(mosaics.after, mosaics.quality, facts.gaps)
-    told = accuracy.evaluated
-    told = not_evaluated(flight, estimate.control) if told == NOT_EVALUATED else told
+    result = accuracy.evaluated
+    result = not_evaluated(flight, estimate.control) if result == NOT_EVALUATED else result
     left_out = (*left_out_here(estimate, facts, summary), *unused_instruments(estimate, flight))
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
     page = render_page(
@@ -148,8 +148,8 @@ def render(
         place=PLACE,
         tiles=_tiles(facts, ground),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
-        mosaic=map_picture(mosaics.after, marks, told),
-        chain_mosaic=map_picture(mosaics.before, marks, told),
+        mosaic=map_picture(mosaics.after, marks, result),
+        chain_mosaic=map_picture(mosaics.before, marks, result),
         covered=_covered(mosaics.after, marks),
         elevation=heights_figure(mosaics.elevation),
         elevation_words=heights_figure_words(estimate, facts, flight),
@@ -165,11 +165,11 @@ def render(
         verdicts={loop.finding for loop in estimate.loops if loop.verdict == "rejected"},
         figures=_figures(estimate, summary, facts),
         accuracy=(*accuracy.tables, *instrument_table(estimate, flight)),
-        evaluated=told,
+        evaluated=result,
         streams=_streams(summary),
         files={file.name: file for file in output_files(folder)},
     )
-    return settled(page, told.checks_lengths)
+    return settled(page, result.checks_lengths)
 
 
 def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:

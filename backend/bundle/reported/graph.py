@@ -73,8 +73,8 @@ class ReportedPart:
             return None
         path = PathNodes.of(measurements, camera)
         intervals = integrate_reported(motion, path.stamps_s)
-        told = measurements.ranges or measurements.positions
-        gain_std = max(motion.gain_std, _FREE_GAIN) if told else motion.gain_std
+        has_lengths = measurements.ranges or measurements.positions
+        gain_std = max(motion.gain_std, _FREE_GAIN) if has_lengths else motion.gain_std
         return ReportedPart(motion, path, intervals, gain_std) if intervals else None
 
     def start(self, poses: gtsam.Values) -> gtsam.Values:

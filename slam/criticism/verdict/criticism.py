@@ -181,8 +181,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
     """Return kind, all fields except arrays, and text."""
     kind = re.sub("(?<=.)(?=[A-Z])", "_", type(finding).__name__).lower()
     known = {f.name: getattr(finding, f.name) for f in fields(finding)}
-    told = {name: _short(x) for name, x in known.items() if not isinstance(x, np.ndarray)}
-    return {"kind": kind} | told | {"text": str(finding)}
+    numbers = {name: _short(x) for name, x in known.items() if not isinstance(x, np.ndarray)}
+    return {"kind": kind} | numbers | {"text": str(finding)}
 
 
 def _interval(p: Interval) -> dict[str, Any]:

@@ -122,11 +122,11 @@ class ComparedFlights(Evidence):
         reported = {cause.name for cause in judged.reported}
         components = [doubt for doubt in doubtful_components(self.found) if doubt.effect in reported]
         yield from components
-        told = {(doubt.effect, *doubt.others) for doubt in components}
+        doubted = {(doubt.effect, *doubt.others) for doubt in components}
         tests = last.score_tests(chosen, [e for e in last.effects if e.is_term])
         for test in (test for test in tests if test.z >= STANDS_OUT_Z):
             for effect in last.alike(test.effect, chosen):
-                if effect.is_term and (effect.name, test.effect.name) not in told:
+                if effect.is_term and (effect.name, test.effect.name) not in doubted:
                     yield NameInDoubt(effect=effect.name, others=(test.effect.name,))
         if beyond := last.implausible_size(chosen, STANDS_OUT_Z):
             yield beyond

@@ -227,10 +227,10 @@ def _nested(structure: str) -> list[str]:
 def _angles(xmp: Xmp, family: Any, faults: list[str], *names: str) -> Angles | None:
     """Return yaw, pitch and roll; None, with a fault if they are present, where yaw or pitch is no angle."""
     texts = [xmp.text(family, name) for name in names]
-    found = [number(told) for told in texts]
-    for name, told, value, largest in zip(names, texts, found, (360, 180), strict=False):
-        if told and (value is None or abs(value) > largest):
-            faults.append(f"{name} is {text(told)[:40]}, no angle in degrees")
+    found = [number(tag) for tag in texts]
+    for name, tag, value, largest in zip(names, texts, found, (360, 180), strict=False):
+        if tag and (value is None or abs(value) > largest):
+            faults.append(f"{name} is {text(tag)[:40]}, no angle in degrees")
             return None
     yaw, pitch, roll = found
     if yaw is None or pitch is None:

@@ -52,8 +52,8 @@ def with_geotags(
                 remarks.append(f"{str(refused).removeprefix(f'{folder}/')}; its positions are not used")
                 continue
             is_found = True
-            photos, told = _placed(photos, folder, name, geotags)
-            remarks += [*told, *(f"{name}: {fault}" for fault in faults)]
+            photos, notes = _placed(photos, folder, name, geotags)
+            remarks += [*notes, *(f"{name}: {fault}" for fault in faults)]
         elif known & set(TIMES):
             remarks.append(f"{name} tells times of pictures and is not read here: give it itself, {path}")
         else:
@@ -111,11 +111,11 @@ def _placed(
             used.add(key)
             photo = _at(photo, *geotags[key])
         placed.append(photo)
-    told: list[str] = [Note(f"positions of {len(used)} of {len(photos)} photographs are those of {name}")]
+    parts: list[str] = [Note(f"positions of {len(used)} of {len(photos)} photographs are those of {name}")]
     if other := sorted(set(geotags) - used):
         names = listed([brief(each, 40) for each in other])
-        told.append(f"{name} has positions of {counted(len(other), 'file')} that are none of them ({names})")
-    return placed, told
+        parts.append(f"{name} has positions of {counted(len(other), 'file')} that are none of them ({names})")
+    return placed, parts
 
 
 def _at(photo: Photo, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Photo:

@@ -149,9 +149,9 @@ def _rtk_solutions(fixes: Sequence[PhotoPosition]) -> list[str]:
     counts = Counter(p.rtk or "unknown" for p in fixes)
     if not any(p.rtk for p in fixes) or set(counts) == {_FIXED}:
         return []
-    told = ", ".join(f"{count} {solution}" for solution, count in sorted(counts.items()))
+    text = ", ".join(f"{count} {solution}" for solution, count in sorted(counts.items()))
     return [
-        Note(f"RTK solutions of {counted(len(fixes), 'GPS position')}: {told}; each has its own accuracy")
+        Note(f"RTK solutions of {counted(len(fixes), 'GPS position')}: {text}; each has its own accuracy")
     ]
 
 

@@ -33,13 +33,13 @@ def zooms(photos: Sequence[PhotoTags]) -> list[tuple[float, ...]]:
     return list(zip(*columns, strict=True))
 
 
-def _typical(told: Sequence[float | None]) -> list[float]:
+def _typical(stated: Sequence[float | None]) -> list[float]:
     """Return for each value the median of its group; groups are more than a nominal deviation apart."""
-    known = np.array([value for value in told if value is not None and value > 0])
+    known = np.array([value for value in stated if value is not None and value > 0])
     if not len(known):
-        return [1.0] * len(told)
+        return [1.0] * len(stated)
     ordered = np.sort(known)
     groups = np.split(ordered, 1 + np.flatnonzero(np.diff(np.log(ordered)) > NOMINAL_FOCAL_STD_RATIO))
     most = float(np.median(max(groups, key=len)))
     typical = {value: float(np.median(group)) for group in groups for value in group.tolist()}
-    return [typical.get(value, most) if value is not None else most for value in told]
+    return [typical.get(value, most) if value is not None else most for value in stated]

@@ -34,11 +34,11 @@ def antenna_place(bundle: Bundle | None) -> AntennaPlace | None:
     measured = bundle.optimum.problem.measurements
     if measured.antenna_std_m == 0:
         return None
-    std, told = map(triple, (bundle.antenna_std_m, measured.antenna_m))
-    return AntennaPlace(place, std, told, measured.antenna_std_m)
+    std, stated = map(triple, (bundle.antenna_std_m, measured.antenna_m))
+    return AntennaPlace(place, std, stated, measured.antenna_std_m)
 
 
-def antenna_untold_warning(bundle: Bundle, tested: ErrorTest) -> str:
+def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> str:
     """Return a line where an antenna may lie away from the body's origin, where it is assumed, unseen.
 
     At one heading its place moves the whole map, and nothing shows it. The line is empty for fixes that are

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 def held_mount_covariance(
-    tilt: AttitudeFloorTilt | None, by_inertia: AccelerometerScale | None, told_exact: bool = False
+    tilt: AttitudeFloorTilt | None, by_inertia: AccelerometerScale | None, stated_exact: bool = False
 ) -> Array:
     """Return the covariance (2, 2) of the error of a held mount, a rotation about the body's x and y in rad.
 
@@ -41,7 +41,7 @@ def held_mount_covariance(
     # The noise is that of two components: twice the variance of one.
     shown = [(float(lean @ lean), 2 * std**2, lean) for lean, std in seen]
     leaning = [each for each in shown if each[0] > each[1]]
-    if not leaning or (told_exact and any(square < 0.5 * SURE**2 * noise for square, noise, _ in shown)):
+    if not leaning or (stated_exact and any(square < 0.5 * SURE**2 * noise for square, noise, _ in shown)):
         return np.zeros((2, 2))
     allowed = min(square + noise for square, noise, _ in shown)
     square = min(allowed, max(square - noise for square, noise, _ in leaning))

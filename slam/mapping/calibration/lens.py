@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from backend.bundle.lens import NAMES, told_calibration
+from backend.bundle.lens import NAMES, prior_calibration
 from backend.bundle.refinement import Bundle
 from frontend.camera import Camera
 from slam.core.instrument_errors import LensNumber
@@ -15,9 +15,9 @@ def lens_numbers(bundle: Bundle | None) -> Mapping[str, LensNumber] | None:
     """Return each number of the calibration by its name; None if the calibration was held."""
     if bundle is None or bundle.lens is None:
         return None
-    lens, told = bundle.lens, told_calibration(bundle.optimum.problem.camera)
+    lens, prior = bundle.lens, prior_calibration(bundle.optimum.problem.camera)
     rows = zip(
-        lens.calibration.tolist(), lens.std.tolist(), told.tolist(), lens.told_std.tolist(),
+        lens.calibration.tolist(), lens.std.tolist(), prior.tolist(), lens.prior_std.tolist(),
         lens.is_estimated.tolist(), strict=True,
     )  # fmt: skip
     return {name: LensNumber(*row) for name, row in zip(NAMES[lens.model], rows, strict=True)}
@@ -25,7 +25,7 @@ def lens_numbers(bundle: Bundle | None) -> Mapping[str, LensNumber] | None:
 
 def calibrated(camera: Camera, bundle: Bundle | None) -> Camera:
     """Return the camera with the mount and the lens that a refinement has estimated, if there is one."""
-    camera = replace(camera, told=None)
+    camera = replace(camera, stated=None)
     if bundle is None:
         return camera
     camera = replace(camera, b_T_c=bundle.b_T_c)

@@ -131,7 +131,7 @@ def is_held_lens_suspect(bundle: Bundle, tested: ErrorTest) -> bool:
     return any(tested.p_values.get(kind, 1.0) < _SUSPECT for kind in LENS_KINDS)
 
 
-def is_told_lens_doubted(camera: Camera, map_: Map) -> bool:
+def is_stated_lens_doubted(camera: Camera, map_: Map) -> bool:
     """Return whether a map contradicts what is told of its lens, or positions that its lens may have bent.
 
     The evidence of a wider prior, extrapolated from the told one, is then the larger. The distance from what
@@ -187,7 +187,7 @@ class OddFocal:
     assumed may be any, so that the pictures are believed where the estimate is one that lenses have.
     """
 
-    told_px: float
+    stated_px: float
     found_px: float
     std_ratio: float
     """Relative standard deviation of the widest prior."""
@@ -203,16 +203,17 @@ class OddFocal:
         """Return the odd estimate of a map made with ``camera``; None for a usual one."""
         if map_.bundle is None or map_.bundle.lens is None:
             return None
-        told, told_px, found_px = camera.told or camera, camera.told_numbers[0], map_.camera.focal_px[0]
-        std_ratio = as_assumed(told).focal_std_ratio
-        if abs(found_px - told_px) <= FARTHEST * std_ratio * told_px:
+        known, stated_px = camera.stated or camera, camera.stated_numbers[0]
+        found_px = map_.camera.focal_px[0]
+        std_ratio = as_assumed(known).focal_std_ratio
+        if abs(found_px - stated_px) <= FARTHEST * std_ratio * stated_px:
             return None
         low, high = PLAUSIBLE_FOCAL
         return OddFocal(
-            told_px=told_px,
+            stated_px=stated_px,
             found_px=found_px,
             std_ratio=std_ratio,
-            is_assumed=told.focal_std_ratio == std_ratio,
+            is_assumed=known.focal_std_ratio == std_ratio,
             is_plausible=low < found_px / max(camera.size_px) < high,
             by_positions=map_.georeferenced,
         )
@@ -224,12 +225,12 @@ class OddFocal:
 
     def warning(self, used: bool) -> str:
         """Return the warning; ``used`` says whether the map has the estimate."""
-        told = "assumed" if self.is_assumed else "told"
+        text = "assumed" if self.is_assumed else "told"
         refuting = "pictures and positions" if self.by_positions else "the pictures"
         known = "" if self.is_assumed else ", which no calibration is wrong by"
-        choice = "has that one" if used else f"keeps the {told} one"
+        choice = "has that one" if used else f"keeps the {text} one"
         return (
-            f"cam0: the {told} focal length, {self.told_px:.0f} px, contradicts {refuting}, but they "
+            f"cam0: the {text} focal length, {self.stated_px:.0f} px, contradicts {refuting}, but they "
             f"show {self.found_px:.0f} px{known}: the map {choice}; its heights and slopes are doubted; give "
             "the pictures as the camera took them, neither stretched nor cropped, with their tags, or add "
             "control points, or fly at a second height"
@@ -238,7 +239,7 @@ class OddFocal:
 
 def focal_held(camera: Camera) -> Camera:
     """Return ``camera`` with the lens that was told before any flight, and its focal length held."""
-    return replace(as_nominal(camera.told or camera), focal_std_ratio=0.0)
+    return replace(as_nominal(camera.stated or camera), focal_std_ratio=0.0)
 
 
 def with_lens_of(camera: Camera, found: Camera) -> Camera:
@@ -249,5 +250,5 @@ def with_lens_of(camera: Camera, found: Camera) -> Camera:
         center_px=found.center_px,
         distortion=found.distortion,
         lens=found.lens,
-        told=camera.told or camera,
+        stated=camera.stated or camera,
     )

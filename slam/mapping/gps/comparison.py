@@ -84,7 +84,7 @@ class FixComparison:
         near = nearest(self.stamps_s, self.fixes.stamps_s)
         R = w_T_b[near, :3, :3]
         turned = R - R[~unused].mean(axis=0)
-        antenna_m = NOMINAL_ANTENNA_STD_M if self.fixes.holds_untold_antenna else 0.0
+        antenna_m = NOMINAL_ANTENNA_STD_M if self.fixes.assumes_antenna_place else 0.0
         total = covariances[near] + antenna_m**2 * turned @ np.swapaxes(turned, 1, 2)
         std_m[unused] = np.sqrt(np.diagonal(total, axis1=1, axis2=2))[unused]
         return std_m

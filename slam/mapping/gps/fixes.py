@@ -50,7 +50,7 @@ class Fixes:
         return np.tile(self.std_m, (len(self), 1)) if self.stds_m is None else self.stds_m
 
     @property
-    def holds_untold_antenna(self) -> bool:
+    def assumes_antenna_place(self) -> bool:
         """Whether the antenna is held where nobody told that it is."""
         return self.antenna_std_m == 0 and self.antenna_assumed
 
@@ -61,7 +61,7 @@ class Fixes:
         Along x and y an untold antenna is held unless the pictures refute it. Its height moves all cameras
         and the ground together, which no residual shows; where fixes are exact, it is most of their error.
         """
-        if self.holds_untold_antenna and self.std_m[2] < NOMINAL_ANTENNA_STD_M:
+        if self.assumes_antenna_place and self.std_m[2] < NOMINAL_ANTENNA_STD_M:
             return NOMINAL_ANTENNA_STD_M
         return self.antenna_std_m
 

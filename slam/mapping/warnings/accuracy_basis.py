@@ -82,20 +82,20 @@ def _assumed(flight: Flight, map_: Map) -> str:
         return ""
     gain, zero = flight.sonar.scale_std, flight.sonar.datum_std_m
     gain_determined, zero_determined = found.determined(gain, zero)
-    exact, assumed, told = list[str](), list[str](), list[str]()
+    exact, assumed, stated = list[str](), list[str](), list[str]()
     for name, known, std, size, key in (
         ("its gain", gain_determined, gain, f"± {100 * gain:.2g} %", "scale_std"),
         ("its zero", zero_determined, zero, f"± {1e3 * zero:.2g} mm", "datum_std"),
     ):
         if not known and std:
-            (assumed if key in flight.sonar.assumed else told).append(f"{name} ({size})")
+            (assumed if key in flight.sonar.assumed else stated).append(f"{name} ({size})")
         elif not known:
             exact.append(name)
     if map_.camera.focal_std_ratio == 0:
         exact.append("the camera's focal length")
     clauses = [
         f"{enumerated(names)} {'are' if len(names) > 1 else 'is'} {how}"
-        for names, how in ((assumed, "assumed"), (told, "as stated"), (exact, "taken as exact"))
+        for names, how in ((assumed, "assumed"), (stated, "as stated"), (exact, "taken as exact"))
         if names
     ]
     return f", and {', and '.join(clauses)}" if clauses else ""
@@ -115,7 +115,7 @@ def _heights_by_lens(map_: Map) -> str:
         return ""
     known = "taken as exact"
     if lens is not None:
-        known = f"known to {percent(lens.told_std[0] / lens.calibration[0])} beforehand"
+        known = f"known to {percent(lens.prior_std[0] / lens.calibration[0])} beforehand"
     return (
         f", and heights over the ground rest on the focal length, {known}, which this flight does not check"
     )

@@ -15,8 +15,8 @@ def lines_alone_warning(map_: Map) -> str:
     if not placed:
         return ""
     problem = map_.bundle.optimum.problem if map_.bundle is not None else None
-    told = problem is not None and (problem.inertial is not None or problem.reported is not None)
-    by = "only the instruments measure" if told else "nothing measures"
+    has_scale = problem is not None and (problem.inertial is not None or problem.reported is not None)
+    by = "only the instruments measure" if has_scale else "nothing measures"
     variances = np.trace(map_.covariances[placed][:, 3:, 3:], axis1=1, axis2=2)
     std_m = float(np.sqrt(variances.max())) if np.isfinite(variances).all() else np.inf
     error = f"up to ± {std_m:.2g} m" if np.isfinite(std_m) else "of unknown size"

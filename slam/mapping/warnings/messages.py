@@ -51,8 +51,8 @@ from slam.mapping.warnings.systematic_warning import (
     is_outside_covariances,
     refuted_antenna_warning,
     refuted_lens_warning,
+    stated_lens_warning,
     systematic_warning,
-    told_lens_warning,
 )
 from slam.mapping.warnings.unknown_focal import unknown_focal_warning
 from slam.mapping.warnings.wrong_moments import WrongMoments
@@ -162,7 +162,7 @@ def _reasons(
     antenna = _refuted_antenna(context, map_)
     lines = [
         _refuted_lens(context, map_),
-        antenna if _antenna_is_told(flight) else "",
+        antenna if _antenna_is_stated(flight) else "",
         # First, because instruments contradict a map that a lens has bent.
         systematic.line if systematic.is_in_status else "",
         *map_.no_scale,
@@ -271,7 +271,7 @@ def _refuted_lens(context: Context, map_: Map) -> str:
         return context.doubted_lens
     assert flight.camera is not None
     if refuted.errors is None:
-        return told_lens_warning(flight.camera, map_, flight.camera_file)
+        return stated_lens_warning(flight.camera, map_, flight.camera_file)
     return refuted_lens_warning(
         refuted.errors, flight.camera, map_.camera, height_m, map_.metric, flight.camera_file
     )
@@ -283,11 +283,11 @@ def _refuted_antenna(context: Context, map_: Map) -> str:
     errors = next((refuted.errors for refuted in context.refuted if refuted.what == "antenna"), None)
     if errors is None or place is None:
         return ""
-    told = _antenna_is_told(context.flight)
-    return refuted_antenna_warning(errors, place, map_.camera, _main_height_m(map_), told)
+    stated = _antenna_is_stated(context.flight)
+    return refuted_antenna_warning(errors, place, map_.camera, _main_height_m(map_), stated)
 
 
-def _antenna_is_told(flight: Flight) -> bool:
+def _antenna_is_stated(flight: Flight) -> bool:
     """Return whether a place of the antenna is told, so that a map may not contradict it without a word in
     the status; the body's origin is assumed."""
     return flight.gps is not None and not flight.gps.antenna_assumed

@@ -33,11 +33,11 @@ def slope_by_attitude_warning(map_: Map) -> str:
     if size < max(NOTABLE_RAD, ZERO_STDS * stated):
         return ""
     try:
-        told = float(bundle.optimum.standard_deviations(WORLD)[SLOPE].max())
+        std = float(bundle.optimum.standard_deviations(WORLD)[SLOPE].max())
     except SingularMatrixError:
         return ""
     by_positions = _std_by_positions(bundle, np.array([-turn[1], turn[0]]) / size)
-    if size < SURE * told or size > SURE * by_positions:
+    if size < SURE * std or size > SURE * by_positions:
         return ""
     return (
         f"the ground of the map slopes by {np.degrees(size):.1f}° because attitude0 leans so against "

@@ -8,7 +8,7 @@ import numpy as np
 
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.bundle.accuracy.systematic_terms import Kind, lens_displacement
-from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, is_uncertain, told_calibration, told_covariance
+from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, is_uncertain, prior_calibration, prior_covariance
 from frontend.camera import Camera
 from slam.core.instrument_errors import AntennaPlace
 from slam.core.lens_priors import as_nominal
@@ -66,13 +66,13 @@ def refuted_lens_warning(
     return f"{line}; so was the map with it, and this one has {lens} instead, as estimated from the pictures"
 
 
-def told_lens_warning(told: Camera, map_: Map, camera_file: str) -> str:
+def stated_lens_warning(stated: Camera, map_: Map, camera_file: str) -> str:
     """Return the warning about a lens whose told numbers the evidence of a map refutes.
 
     It names the number that is farthest from what was told of it, in standard deviations.
     """
-    declared, estimate = _farthest_number(told, map_)
-    if not is_uncertain(pinhole_model(told)):
+    declared, estimate = _farthest_number(stated, map_)
+    if not is_uncertain(pinhole_model(stated)):
         return (
             "cam0: the told lens, held as exact, contradicts the pictures; this map has an estimated one "
             f"instead, with {estimate}; calibrate the camera and correct its numbers in {camera_file}"
@@ -84,16 +84,16 @@ def told_lens_warning(told: Camera, map_: Map, camera_file: str) -> str:
     )
 
 
-def _farthest_number(told: Camera, map_: Map) -> tuple[str, str]:
+def _farthest_number(stated: Camera, map_: Map) -> tuple[str, str]:
     """Return the told number of the lens that is farthest from the map's, and the map's."""
     # A number that was held was told as certain by nobody.
-    model, lens = pinhole_model(as_nominal(told)), None if map_.bundle is None else map_.bundle.lens
-    numbers, std = told_calibration(model), np.sqrt(np.diag(told_covariance(model)))
+    model, lens = pinhole_model(as_nominal(stated)), None if map_.bundle is None else map_.bundle.lens
+    numbers, std = prior_calibration(model), np.sqrt(np.diag(prior_covariance(model)))
     focal_px = np.mean(numbers[FOCAL])
-    focal = f"a focal length of {focal_px:.0f} px ± {percent(told.focal_std_ratio)}"
+    focal = f"a focal length of {focal_px:.0f} px ± {percent(stated.focal_std_ratio)}"
     if lens is None:
         return focal, f"{np.mean(map_.camera.focal_px):.0f} px"
-    comparable = slice(None) if lens.model == told.lens else slice(TERMS.start)
+    comparable = slice(None) if lens.model == stated.lens else slice(TERMS.start)
     off = np.abs(lens.calibration[comparable] - numbers[comparable]) / std[comparable]
     worst = int(np.argmax(off))
     found, found_std = lens.calibration, lens.std
@@ -113,12 +113,12 @@ def _farthest_number(told: Camera, map_: Map) -> tuple[str, str]:
 
 
 def refuted_antenna_warning(
-    found: SystematicErrors, place: AntennaPlace, camera: Camera, height_m: float, is_told: bool
+    found: SystematicErrors, place: AntennaPlace, camera: Camera, height_m: float, is_stated: bool
 ) -> str:
     """Return the warning about an antenna whose told or assumed place the map has replaced by ``place``."""
     axes = zip(("forward", "left"), place.place_m, place.std_m, strict=False)
     here = ", ".join(f"{axis} {at:+.2f} ± {std:.1g} m" for axis, at, std in axes)
-    held = "where T_BS of gps0/sensor.yaml tells" if is_told else "at the body's origin, as assumed"
+    held = "where T_BS of gps0/sensor.yaml tells" if is_stated else "at the body's origin, as assumed"
     offset = _term("position offset", found, camera, height_m)
     return (
         f"{_PATTERN['position offset']} ({offset}), so the antenna is not {held}; this map has it at {here}, "
@@ -148,9 +148,9 @@ def systematic_warning(
     first = next(iter(found.coefficients))
     terms = ", ".join(_term(kind, found, camera, height_m) for kind in found.coefficients)
     turned = _looks_elsewhere(found, camera)
-    told = dict.fromkeys(_CAUSE[kind] for kind in found.coefficients)
-    others = dict.fromkeys(_CAUSE[kind] for kind in found.alternatives if _CAUSE[kind] not in told)
-    causes = " and ".join(told) + (", or in part " + " or ".join(others) if others else "")
+    likely = dict.fromkeys(_CAUSE[kind] for kind in found.coefficients)
+    others = dict.fromkeys(_CAUSE[kind] for kind in found.alternatives if _CAUSE[kind] not in likely)
+    causes = " and ".join(likely) + (", or in part " + " or ".join(others) if others else "")
     moved = f"about {length(found.shift_m, metric)} and {np.degrees(found.tilt_rad):.2g}°"
     effect = (
         f"it displaces poses by {moved}, more than their standard deviations state, and may cause the other "

@@ -126,11 +126,13 @@ def _unmeasured(estimate: Estimate) -> str:
 def _why_uncertain(facts: Facts, mosaic: MosaicFacts) -> str:
     """Return what makes the least certain ground so, in one sentence with a space in front."""
     shown = counted(mosaic.worst_pictures, "picture shows it", "pictures show it")
-    told = [f"{shown} (left map)"] if mosaic.worst_pictures else []
+    lines = [f"{shown} (left map)"] if mosaic.worst_pictures else []
     if facts.relative_to:
         away = facts.length(float(np.hypot(mosaic.x_m, mosaic.y_m)))
-        told.append(f"it lies {away} from the first keyframe, and errors of scale and heading grow with that")
-    text = "; ".join(told)
+        lines.append(
+            f"it lies {away} from the first keyframe, and errors of scale and heading grow with that"
+        )
+    text = "; ".join(lines)
     return f" {text[0].upper()}{text[1:]}." if text else ""
 
 

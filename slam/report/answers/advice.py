@@ -111,12 +111,12 @@ def further_limits(shares: Mapping[str, Mapping[str, float]], metric: bool, on_g
     if on_ground and _GROUND[0] in shares:
         others.append((_PLACE, _CAMERA))
     found = [(what, limit(shares, axes)) for what, axes in others]
-    told = [
+    lines = [
         f"for {what}, {in_words(by[0])} ({percent(by[1])})"
         for what, by in found
         if by is not None and first is not None and by[0] != first[0]
     ]
-    text = "; ".join(told)
+    text = "; ".join(lines)
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
@@ -216,8 +216,8 @@ def _lens_step(estimate: Estimate) -> str:
     limited = hangs_on_lens(estimate)
     if not limited:
         return ""
-    told = estimate.instruments.lens or {}
-    whence = "by the pictures" if told["fx"].estimated else "mostly by what was told before the flight"
+    lens = estimate.instruments.lens or {}
+    whence = "by the pictures" if lens["fx"].estimated else "mostly by what was told before the flight"
     return (
         f"for truer {' and '.join(limited)}, calibrate the camera, or fly part of the ground at another "
         f"height: its focal length is known to {percent(focal_std_ratio(estimate))}, {whence}"

@@ -34,7 +34,7 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     examples = example_lengths(estimate, float(np.hypot(*facts.extent_m)))
     longest_m = examples[-1]
     stds = [length_std(estimate, size_m) for size_m in examples]
-    told = "; ".join(
+    text = "; ".join(
         f"{round_length(size_m)} apart: ±{SPACE}{error_length(typical_m)} "
         f"(badly placed ones: ±{SPACE}{error_length(worst_m)})"
         for size_m, (typical_m, worst_m) in zip(examples, stds, strict=True)
@@ -61,7 +61,7 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     level = " Distances on the map are level ones: hold the tape level, too." if uneven else ""
     check = f"if several differ by more, the map or the tape is wrong.{level}"
     return (
-        f"Two places on the map{heights} that are {told}. This is one standard deviation; one distance "
+        f"Two places on the map{heights} that are {text}. This is one standard deviation; one distance "
         f"in 20 is less certain than the figure in brackets.{uncounted(summary)} {why}{moves} A tape over "
         f"{round_length(longest_m)} differs from the map by less than {error_length(2 * typical_m)} (badly "
         f"placed: {error_length(2 * stds[-1][1])}) nineteen times out of twenty: {check} "

@@ -34,20 +34,22 @@ def too_bare(facts: Facts, summary: Summary) -> int:
 def missing(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
     """Return which ground the map lacks: on the path, inside the mosaic, around it, and of its heights."""
     thing = "poses" if facts.is_graph else "keyframes"
-    told = _stretches(estimate, facts, mosaic)
+    lacks = _stretches(estimate, facts, mosaic)
     if bare := too_bare(facts, summary):
-        told.append(
+        lacks.append(
             f"{bare} of {facts.frames} pictures {either(bare, 'shows', 'show')} too little, and the "
             "warnings say when"
         )
     if facts.placed < facts.keyframes or facts.maps > 1:
         parts = f", in {facts.maps} separate maps" if facts.maps > 1 else ""
         rest = "; the warnings name the rest" if facts.placed < facts.keyframes else ""
-        told.append(f"{facts.placed} of {facts.keyframes} {thing} have a place{parts}{rest}")
+        lacks.append(f"{facts.placed} of {facts.keyframes} {thing} have a place{parts}{rest}")
     if mosaic is not None and mosaic.holes:
-        told.append(_holes(estimate, mosaic))
-    if told:
-        return f"Yes: {'; '.join(told)}.{_edge(mosaic)}{_beyond(estimate)}{_without_height(estimate, mosaic)}"
+        lacks.append(_holes(estimate, mosaic))
+    if lacks:
+        return (
+            f"Yes: {'; '.join(lacks)}.{_edge(mosaic)}{_beyond(estimate)}{_without_height(estimate, mosaic)}"
+        )
     if facts.is_graph:
         return f"No: all {facts.keyframes} poses lie on one map."
     stretch = (
@@ -74,16 +76,16 @@ def _beyond(estimate: Estimate) -> str:
 
 def _stretches(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> list[str]:
     long = [gap for gap in facts.gaps if gap.shows_nothing]
-    told = []
+    lines = []
     for gap in long[:_MOST_GAPS]:
         (x0, y0), (x1, y1) = (estimate.w_T_b[k, :2, 3].tolist() for k in (gap.i, gap.j))
-        told.append(f"{facts.length(gap.length_m)} from ({x0:.3g}, {y0:.3g}) to ({x1:.3g}, {y1:.3g})")
-    if not told:
+        lines.append(f"{facts.length(gap.length_m)} from ({x0:.3g}, {y0:.3g}) to ({x1:.3g}, {y1:.3g})")
+    if not lines:
         return []
-    more = f", and {len(long) - len(told)} more" if len(long) > len(told) else ""
+    more = f", and {len(long) - len(lines)} more" if len(long) > len(lines) else ""
     axes = ", ".join(axis_names(estimate.origin is not None))
     return [
-        f"no usable picture was taken along {' and '.join(told)}{more} of the path ({axes} in "
+        f"no usable picture was taken along {' and '.join(lines)}{more} of the path ({axes} in "
         f"{unit(facts.metric)}; dotted in the picture of the path){_below(facts, mosaic)}"
     ]
 
@@ -138,30 +140,30 @@ def _without_height(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
 
 def failed(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None = None) -> str:
     """Return what went wrong: parts of the map, and instruments that a warning doubts."""
-    told = []
+    lines = []
     if summary.status != "ok":
-        told.append("what “Check this first” above names")
-    told += _bare(facts, summary, mosaic)
+        lines.append("what “Check this first” above names")
+    lines += _bare(facts, summary, mosaic)
     if unplaced := facts.keyframes - facts.placed:
-        told.append(f"{counted(unplaced, 'pose' if facts.is_graph else 'keyframe')} could not be placed")
+        lines.append(f"{counted(unplaced, 'pose' if facts.is_graph else 'keyframe')} could not be placed")
     if lost := summary.rejected.get(TRACKING_LOST, 0):
         times = {1: "once", 2: "twice"}.get(lost, f"{lost} times")
         where = " where the path is dotted" if facts.gaps else ""
         whole = "; the map is in one piece all the same" if facts.maps == 1 else ""
-        told.append(
+        lines.append(
             f"{times} a picture had nothing in common with the one before, and tracking began anew{where}"
             f"{whole}"
         )
     if number := sum(why != REDUNDANT for why in estimate.not_drawn.values()):
-        told.append(_not_drawn(estimate, number))
+        lines.append(_not_drawn(estimate, number))
     warned_of, found_here = _doubted(summary), _doubted_without_warning(estimate, facts)
     doubted = "".join(f" {text}" for text in warned_of) + _trusted(estimate, summary)
     doubted += "".join(f" {text}" for text in found_here)
     if not doubted and not facts.is_graph and summary.status == "ok":
         doubted = " No instrument is doubted."
     on_purpose = " What was left out (below) was left out on purpose." if summary.rejected else ""
-    if told:
-        text = "; ".join(told)
+    if lines:
+        text = "; ".join(lines)
         return f"{text[0].upper()}{text[1:]}.{doubted}"
     if warned_of:
         one = len(warned_of) == 1
@@ -204,8 +206,8 @@ def _not_drawn(estimate: Estimate, number: int) -> str:
         if why != REDUNDANT:
             names.setdefault(why, []).append(name)
     are = "keyframe is" if number == 1 else "keyframes are"
-    told = "; ".join(f"{_keyframes(estimate, of)}: {why}" for why, of in names.items())
-    return f"{number} {are} not in the mosaic ({told})"
+    text = "; ".join(f"{_keyframes(estimate, of)}: {why}" for why, of in names.items())
+    return f"{number} {are} not in the mosaic ({text})"
 
 
 def _keyframes(estimate: Estimate, names: list[str]) -> str:
@@ -218,20 +220,20 @@ def _keyframes(estimate: Estimate, names: list[str]) -> str:
 
 def _doubted(summary: Summary) -> list[str]:
     """Return a sentence for each warning that doubts an instrument and that the status does not name."""
-    told = []
+    lines = []
     for doubt in doubts(summary.warnings):
         if doubt.line not in summary.status:
             colon = ":" if doubt.line.startswith(f"{doubt.stream}:") else ""
             text = f"{STREAM_WORDS[doubt.stream]}{colon} {doubt.found}"
-            told.append(f"{text[0].upper()}{text[1:]}.")
-    return told
+            lines.append(f"{text[0].upper()}{text[1:]}.")
+    return lines
 
 
 def _doubted_without_warning(estimate: Estimate, facts: Facts) -> list[str]:
     """Return a sentence for each doubt that needs no warning: the accuracy told does not rest on it."""
-    told = []
+    lines = []
     if facts.heading_doubt:
-        told.append(f"The attitude sensor: {facts.heading_doubt}; the pictures hold the heading of the map.")
+        lines.append(f"The attitude sensor: {facts.heading_doubt}; the pictures hold the heading of the map.")
     if estimate.ground is not None and estimate.ground.doubt:
-        told.append(f"{estimate.ground.doubt} (“Are the heights true?” below).")
-    return told
+        lines.append(f"{estimate.ground.doubt} (“Are the heights true?” below).")
+    return lines

@@ -83,18 +83,18 @@ def _missing(facts: Facts, mosaic: MosaicFacts | None) -> str:
     missing."""
     long = [gap for gap in facts.gaps if gap.shows_nothing]
     holes_m2 = 0.0 if mosaic is None else mosaic.hole_beside_m2
-    told = []
+    lines = []
     if long:
         path = facts.length(sum(gap.length_m for gap in long))
-        told.append(
+        lines.append(
             f"no usable picture shows {counted(len(long), 'stretch', 'stretches')} of the path, {path} in all"
         )
         if mosaic is not None and mosaic.gap_area_m2 > 0:
-            told[-1] += f", and with it {area(mosaic.gap_area_m2, facts.metric)} of ground"
+            lines[-1] += f", and with it {area(mosaic.gap_area_m2, facts.metric)} of ground"
     if holes_m2 > 0:
-        told.append(f"{area(holes_m2, facts.metric)} {'more ' if long else ''}inside the map are missing")
-    text = " and ".join(told)
-    return f" Ground is missing: {text}." if told else ""
+        lines.append(f"{area(holes_m2, facts.metric)} {'more ' if long else ''}inside the map are missing")
+    text = " and ".join(lines)
+    return f" Ground is missing: {text}." if lines else ""
 
 
 def what_ok_means(warnings: Sequence[str], ground_is_missing: bool) -> str:

@@ -88,27 +88,27 @@ def _of_ground(estimate: Estimate) -> str:
 
 
 def _near_each_other(estimate: Estimate, facts: Facts, tilted: bool) -> str:
-    ground, told = estimate.ground, ""
+    ground, text = estimate.ground, ""
     if ground is not None and ground.is_measured:
         std = ground.height_std_m
-        told = (
+        text = (
             f" On the ground typically to ±{SPACE}{facts.error(np.sqrt(2.0) * std)}, as each of the two is "
             f"known to ±{SPACE}{facts.error(std)}.{_shared(estimate, facts)}"
             if std
             else ""
         )
     elif ground is not None and not ground.relief_share and estimate.elevation is not None:
-        told = " The picture of heights below and elevation.tif show what the height sensor found on it."
+        text = " The picture of heights below and elevation.tif show what the height sensor found on it."
         if scatter := floor_scatter(estimate.elevation.height_m):
-            told += f" Heights from {scatter} cannot be told from the floor, whose echoes scatter that far."
+            text += f" Heights from {scatter} cannot be told from the floor, whose echoes scatter that far."
     if tilted:
         tilt_rad = _tilt_rad(estimate)
-        told += (
+        text += (
             f" A lean of {np.degrees(tilt_rad):.1f}° changes them by "
             f"{facts.error(float(np.tan(tilt_rad)))} for each {round_length(1.0, estimate.metric)} between "
             "the places."
         )
-    return told
+    return text
 
 
 def _shared(estimate: Estimate, facts: Facts) -> str:

@@ -156,12 +156,12 @@ def figures_in_words(rejection: Rejection, height_m: float = float("nan")) -> st
     if rejection.check not in _LINKS:
         return ""
 
-    def told(number: str, unit: str) -> str:
+    def as_text(number: str, unit: str) -> str:
         if unit == "heights" and height_m > 0:
             return length(float(number) * height_m)
         return f"{number}{_UNITS.get(unit, f' {unit}')}"
 
-    return rejection.figures_told(told)
+    return rejection.figures_as_text(as_text)
 
 
 def left_out(rejected: Mapping[str, int], here: Mapping[str, str] = {}) -> tuple[LeftOut, ...]:
@@ -194,7 +194,7 @@ def counted_by_kind(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
         "reading": ("reading of an instrument", "readings of instruments"),
         "link": ("edge", "edges") if is_graph else ("picture or link", "pictures or links"),
     }
-    told = []
+    lines = []
     for kind, name in words.items():
         of_kind = [row for row in rows if row.kind == kind]
         verdicts = [
@@ -204,8 +204,8 @@ def counted_by_kind(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
         ]
         if of_kind:
             bracket = f" ({', '.join(verdicts)})" if verdicts else ""
-            told.append(f"{counted(sum(row.count for row in of_kind), *name)}{bracket}")
-    return ", ".join(told)
+            lines.append(f"{counted(sum(row.count for row in of_kind), *name)}{bracket}")
+    return ", ".join(lines)
 
 
 def _found(reason: str) -> tuple[str, str]:

@@ -80,18 +80,18 @@ def _contradicted(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
         return ""
     height_m = median_height_m(estimate) if estimate.metric else 1.0
     near = [miss for loop in loops if (miss := _miss(loop, height_m)) <= SAME_PLACE_HEIGHTS]
-    far, told = len(loops) - len(near), []
+    far, lines = len(loops) - len(near), []
     if near:
         largest, middle = (length(miss * height_m, estimate.metric) for miss in (max(near), np.median(near)))
         size = f"{largest} at most, typically by {middle}" if len(near) > 1 else largest
         uneven = estimate.ground is not None and estimate.ground.relief_share > 0
         cause = ", likely because a match takes the ground for flat, and here it is not" if uneven else ""
         shown = counted(len(near), "shows", "show") if far else either(len(near), "it shows", "they show")
-        told.append(f"{shown} the right place but inexactly, off by {size}{cause}")
+        lines.append(f"{shown} the right place but inexactly, off by {size}{cause}")
     if far:
         shown = counted(far, "shows", "show") if near else either(far, "it shows", "they show")
-        told.append(f"{shown} another place that looks alike, or {either(far, 'fits', 'fit')} wrongly")
-    text = f" The rest of the map contradicts {len(loops)}: {'; '.join(told)}."
+        lines.append(f"{shown} another place that looks alike, or {either(far, 'fits', 'fit')} wrongly")
+    text = f" The rest of the map contradicts {len(loops)}: {'; '.join(lines)}."
     return f"{text}{_most_often(estimate, loops)}"
 
 

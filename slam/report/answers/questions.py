@@ -87,7 +87,7 @@ def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     others = sum(line not in named for line in found.warnings)
     more = _told(others, "warning stands", "warnings stand", "under Warnings, with what to do")
     notes = _told(len(found.notes), "note needs", "notes need", "no action")
-    told = "".join(f" {text}." for text in (more, notes) if text)
+    words = "".join(f" {text}." for text in (more, notes) if text)
     if summary.status == "ok":
         alone = unless_checked(
             "; but no second instrument checks its accuracy (“Is the scale right?” below)",
@@ -97,9 +97,9 @@ def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         excepted = ", except for what a warning doubts" if doubts(summary.warnings) else ""
         return (
             f"Yes, {_purpose(estimate, facts, summary)}{doubt}. The measurements that the map uses agree "
-            f"within the accuracy below{excepted}.{told}"
+            f"within the accuracy below{excepted}.{words}"
         )
-    return f"Only with care: “Check this first” above names what is wrong and what to do about it.{told}"
+    return f"Only with care: “Check this first” above names what is wrong and what to do about it.{words}"
 
 
 def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
@@ -170,17 +170,17 @@ def _whereabouts(facts: Facts, mosaic: MosaicFacts | None) -> str:
 
 def _limit(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
     shares, on_ground = estimate.information_shares, mosaic is not None
-    told = limit_sentence(shares, facts.metric, on_ground).removeprefix("What limits this: ")
-    if not told:
+    text = limit_sentence(shares, facts.metric, on_ground).removeprefix("What limits this: ")
+    if not text:
         return ""
     further = further_limits(shares, facts.metric, on_ground)
     meant = (
         "What the pictures themselves tell is the tilt of the camera, by how exactly they fit each other, "
         "and its focal length, unless that was known before."
-        if WORDS["pictures"] in f"{told} {further}".lower()
+        if WORDS["pictures"] in f"{text} {further}".lower()
         else ""
     )
-    if WORDS["flat_floor"] in told and estimate.camera is not None:
+    if WORDS["flat_floor"] in text and estimate.camera is not None:
         camera = estimate.camera
         corner = float(np.hypot(*np.divide(camera.size_px, camera.focal_px))) / 2
         meant += (
@@ -200,7 +200,7 @@ def _limit(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
         else ""
     )
     parts = (
-        f"{told[0].upper()}{told[1:]}",
+        f"{text[0].upper()}{text[1:]}",
         of_all,
         further,
         meant.strip(),
@@ -221,9 +221,9 @@ def _left_out(facts: Facts, rows: Sequence[LeftOut]) -> str:
     if not act:
         return f"{parts}; no need to act, since the map does not rest on them. The table has the reasons."
     first = act[0]
-    told = f"“{first.what}” ({first.count}): {first.act[0].lower()}{first.act[1:]}"
+    text = f"“{first.what}” ({first.count}): {first.act[0].lower()}{first.act[1:]}"
     act_on = "you may have to act on" if first.only_if else "act on"
-    return f"{parts}; {act_on} {told} The map does not rest on them. The table below has the others."
+    return f"{parts}; {act_on} {text} The map does not rest on them. The table below has the others."
 
 
 def _axes(estimate: Estimate, facts: Facts) -> str:
@@ -251,23 +251,23 @@ def _hand_on(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
         )
     known = mosaic is not None and np.isfinite(mosaic.typical_std_m)
     std_m = mosaic.typical_std_m if mosaic is not None and known else facts.sigma_median_m
-    told = [f"the coordinate system (above), the accuracy (typically ±{SPACE}{facts.error(std_m)})"]
+    lines = [f"the coordinate system (above), the accuracy (typically ±{SPACE}{facts.error(std_m)})"]
     over_m = typical_height_std(estimate)
     kind = "altitudes" if facts.altitude_known else "heights"
     if np.isfinite(over_m):
-        told.append(
+        lines.append(
             f"that of {kind} of the ground (±{SPACE}{facts.error(over_m)}; “Are the heights true?” "
             "says what they count from)"
         )
     if not facts.controlled:
-        told.append("and that the place on Earth is that of the GPS")
-    stated = (
+        lines.append("and that the place on Earth is that of the GPS")
+    text = (
         f" Its fixes are {facts.gps_accuracy} to be good to ±{SPACE}{facts.error(facts.gps_std_m)} east "
         "and north each; an error that all of them share moves the whole map."
         if np.isfinite(facts.gps_std_m) and not facts.controlled
         else ""
     )
-    return f"Yes, if you tell with them {', '.join(told)}.{stated}"
+    return f"Yes, if you tell with them {', '.join(lines)}.{text}"
 
 
 def _on_earth(estimate: Estimate) -> str:

@@ -135,19 +135,19 @@ def _wrong(result: Criticism) -> list[str]:
     as such."""
     words = ("", ", if it is that", ", if it is there at all")
     doubts = {c.name: doubt for doubt, of in zip(words, by_certainty(result), strict=True) for c in of}
-    told = []
+    lines = []
     for cause in result.causes:
         begin = f"{cause.name}{doubts[cause.name]}{_meaning(cause)}"
-        told.append(f"{begin}{': ' if cause.parameters else ''}{_size(cause, result)}.")
+        lines.append(f"{begin}{': ' if cause.parameters else ''}{_size(cause, result)}.")
     if any(cause.parameters for cause in result.causes):
-        told.append("In brackets: the 95 % interval. “Values” lists each beside its usual range.")
+        lines.append("In brackets: the 95 % interval. “Values” lists each beside its usual range.")
     if result.covariate and (misses := result.covariate.against[0]).unit != "sigma":
         most = float(np.quantile(np.abs(misses.explained), MOSTLY))
-        told.append(
+        lines.append(
             f"{result.covariate.cause} moves {reading(misses.channel)} by less than "
             f"{sized(most, misses.unit)} within {JUDGED_HORIZON_S:g} s in {100 * MOSTLY:.0f} of 100 moments."
         )
-    return told
+    return lines
 
 
 def _meaning(cause: Cause) -> str:
@@ -159,14 +159,14 @@ def _meaning(cause: Cause) -> str:
 
 def _size(cause: Cause, result: Criticism) -> str:
     """Return the sizes of a cause in everyday units; of those along axes the ones that differ from none."""
-    term, told = CATALOGUE[cause.name], []
+    term, lines = CATALOGUE[cause.name], []
     same: list[str] = []
     about_none: list[str] = []
     for parameter, found in cause.parameters.items():
         words, change = quantity(cause.name, parameter), change_of_size(result, cause.name, parameter)
         if change is not None:
             mean = f"extended.toml has the mean, {sized_interval(found)}"
-            told.append(f"{words} {before_and_after(change)} ({mean})")
+            lines.append(f"{words} {before_and_after(change)} ({mean})")
             continue
         varies = changes_in_time(cause.name, parameter, result)
         is_same = compared(term.parameter(parameter), found) == NO_DIFFERENCE
@@ -176,25 +176,25 @@ def _size(cause: Cause, result: Criticism) -> str:
             mean, own = " (mean of a size that changes)" * varies, term.parameter(parameter)
             if own.neutral != 0.0 and not own.is_limit:
                 mean = f" instead of {sized_one(own.neutral, *one_unit(found))}{mean}"
-            told.append(f"{words} {sized_interval(found)}{mean}{', which may be none' * is_same}")
+            lines.append(f"{words} {sized_interval(found)}{mean}{', which may be none' * is_same}")
     if about_none:
-        told.append(f"changing, with a mean that may be none: {enumerated(about_none)}")
+        lines.append(f"changing, with a mean that may be none: {enumerated(about_none)}")
     if same:
-        told.append(f"not different from none: {enumerated(same)}")
-    return "; ".join(told)
+        lines.append(f"not different from none: {enumerated(same)}")
+    return "; ".join(lines)
 
 
 def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
     """Return the causes that these flights cannot tell from those that were found, or why others are ruled
     out."""
-    told, ruled_out, none = list(ties), [], []
+    lines, ruled_out, none = list(ties), [], []
     for cause in result.causes:
         others = [name for name in cause.alternatives if name != cause.name]
         if others and not ties:
             rivals = enumerated([f"{name} ({result.probability_of(name):.2f})" for name in others])
-            told.append(f"Instead of {cause.name} (probability {cause.probability:.2f}) perhaps {rivals}.")
+            lines.append(f"Instead of {cause.name} (probability {cause.probability:.2f}) perhaps {rivals}.")
         elif not others and (likeness := likeness_of_rival(cause, result)):
-            told.append(
+            lines.append(
                 f"{cause.name} may be {cause.fair_rival}, which has nearly the same course here (likeness "
                 f"{likeness:.3f}); with it the flights fit worse by {cause.lead_nats:.0f} nats."
             )
@@ -202,15 +202,15 @@ def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
             ruled_out.append(no_other(cause))
         elif not others:
             none.append(cause.name)
-    if result.causes and not told:
-        told = ["No other effect that these flights can show explains them as well."]
-    told += ruled_out
+    if result.causes and not lines:
+        lines = ["No other effect that these flights can show explains them as well."]
+    lines += ruled_out
     if none:
-        told.append(f"In place of {enumerated(none)} no other effect of the catalogue explains a fair part.")
+        lines.append(f"In place of {enumerated(none)} no other effect of the catalogue explains a fair part.")
     if rest := outside_of_catalogue(result):
         open_ = enumerated([cause.name for cause in uncertain(result)])
-        told.append(f"{open_}: {rest[0].lower()}{rest[1:]}")
-    return told
+        lines.append(f"{open_}: {rest[0].lower()}{rest[1:]}")
+    return lines
 
 
 def left_out_by_flight(result: Criticism) -> list[str]:

@@ -110,25 +110,25 @@ def evidence_of_causes(result: Criticism, flights: Sequence[Flight]) -> CauseEvi
 
 def shown_in_short(evidence: CauseEvidence | None) -> list[str]:
     """Return a line for each certain cause: when it shows, and where the picture has it."""
-    told, picture = [], f"“{TITLE}”, "
+    lines, picture = [], f"“{TITLE}”, "
     for row in evidence.rows if evidence is not None else ():
         place = f" ({picture}{row.shown})" if row.shown != "–" else ""
-        told.append(f"{row.title}: {row.when}{place}.")
+        lines.append(f"{row.title}: {row.when}{place}.")
         picture = "" if place else picture
-    return told
+    return lines
 
 
 def _size(cause: Cause, result: Criticism) -> str:
     """Return the sizes of a cause that differ from none, with their intervals."""
-    told = []
+    lines = []
     for name, found in cause.parameters.items():
         if compared(CATALOGUE[cause.name].parameter(name), found) == NO_DIFFERENCE:
             continue
         change = change_of_size(result, cause.name, name)
-        told.append(
+        lines.append(
             f"{quantity(cause.name, name)} {before_and_after(change) if change else sized_interval(found)}"
         )
-    return "; ".join(told) or "–"
+    return "; ".join(lines) or "–"
 
 
 def _when(cause: Cause, result: Criticism) -> str:

@@ -152,22 +152,22 @@ def outside_of_catalogue(result: Criticism) -> str:
 
 def reservations(cause: Cause, result: Criticism) -> list[str]:
     """Return what speaks against a cause, or why it is not certain, in sentences without their subject."""
-    told = []
+    lines = []
     if not differs(cause):
-        told.append("no size of it differs from none, so it is not established by itself")
+        lines.append("no size of it differs from none, so it is not established by itself")
     if cause.gain.by and cause.z < result.threshold:
-        told.append(
+        lines.append(
             f"beside the other causes it stands out by {cause.z:.1f} standard deviations, less than the "
             f"{result.threshold:.1f} that it had to reach when it was chosen"
         )
     if likeness := likeness_of_rival(cause, result):
-        told.append(
+        lines.append(
             f"it has nearly the same course over these flights as {title_of(cause.fair_rival)} (likeness "
             f"{likeness:.3f}), so its name is open: the {cause.lead_nats:.0f} nats by which it fits better "
             "would decide only if the model were exact"
         )
     why = _why_not_certain(cause, result)
-    return [*told, why] if why else told
+    return [*lines, why] if why else lines
 
 
 def _why_not_certain(cause: Cause, result: Criticism) -> str:
@@ -215,25 +215,25 @@ def how_sure(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     without a cause, how far all effects are from standing out."""
     if result.causes:
         judged = judged_of(result, flights)
-        told = [*_by_certainty(result), certainly_more(result)]
-        told = [*filter(None, told), *(_reserved(cause, result, judged) for cause in result.causes)]
+        lines = [*_by_certainty(result), certainly_more(result)]
+        lines = [*filter(None, lines), *(_reserved(cause, result, judged) for cause in result.causes)]
         single = " (alone, of single readings)" * any(c.gain.by is None for c in result.causes)
         passed = (
             f"At least {result.threshold:.1f} standard deviations are asked for beside the other causes"
             f"{single}, {result.threshold_means}."
         )
-        return [*told, passed] if result.threshold_means else told
+        return [*lines, passed] if result.threshold_means else lines
     effects = [rank for rank in result.ranking if rank.name in CATALOGUE]
     if not effects:
         return []
     most = max(effects, key=lambda rank: rank.z)
-    told = [
+    lines = [
         f"Of all effects {most.name} stands out most, by {most.z:.1f} standard deviations; "
         f"{result.threshold:.1f} is {result.threshold_means}."
     ]
     if result.verdict != "nothing_wrong" and result.patterns:
-        told.append(f"What is not explained stands out by {result.patterns[0].z:.1f}.")
-    return told
+        lines.append(f"What is not explained stands out by {result.patterns[0].z:.1f}.")
+    return lines
 
 
 def _by_certainty(result: Criticism) -> list[str]:
@@ -259,8 +259,8 @@ def _evidence(cause: Cause, result: Criticism) -> str:
 
 def _reserved(cause: Cause, result: Criticism, flights: Sequence[Flight]) -> str:
     """Return the reservations about a cause in a sentence; empty without any."""
-    told = [*reservations(cause, result), *filter(None, [out_of_order(cause, flights)])]
-    return f"{cause.name}: {'; '.join(told)}." if told else ""
+    lines = [*reservations(cause, result), *filter(None, [out_of_order(cause, flights)])]
+    return f"{cause.name}: {'; '.join(lines)}." if lines else ""
 
 
 def no_other(cause: Cause) -> str:

@@ -81,11 +81,11 @@ def detectable_rows(result: Criticism, flights: Sequence[Flight] = ()) -> list[D
 def _smallest(parameter: Parameter, size: float, factor: float, unit: str) -> str:
     """Return the smallest visible size; a limit shows only below it, and a change of what is there already
     beyond one of two sizes, of which an invalid one is left out."""
-    told = sized_one(size, factor, unit)
+    size_text = sized_one(size, factor, unit)
     if parameter.is_limit:
-        return f"a limit below {told}"
+        return f"a limit below {size_text}"
     if parameter.neutral == 0.0:
-        return told
+        return size_text
     low, high = parameter.neutral - size, parameter.neutral + size
     below = f"below {sized_one(low, factor, unit)}" if low > parameter.least else ""
     above = f"above {sized_one(high, factor, unit)}" if high < parameter.most else ""
@@ -104,7 +104,7 @@ def unseen(result: Criticism, flights: Sequence[Flight], unshown: Sequence[str])
     if not missed:
         return ["Every effect of the catalogue would have shown at its usual size.", *unshown]
     shown = len(CATALOGUE) - len(missed)
-    told = [
+    lines = [
         f"{counted(len(missed), 'effect')} of {len(CATALOGUE)}, even at usual sizes; {shown} "
         f"{either(shown, 'was', 'were')} found or would have shown (“What these flights could have shown” "
         "lists the smallest sizes).",
@@ -114,8 +114,8 @@ def unseen(result: Criticism, flights: Sequence[Flight], unshown: Sequence[str])
     for name in missed:
         by_reason.setdefault(_reason(name, missing, result), []).append(title_of(name))
     for reason, names in sorted(by_reason.items(), key=lambda of: -len(of[1])):
-        told.append(f"Not {reason}: {enumerated(names)}.")
-    return [*told, *(_without_effects(line) for line in unshown)]
+        lines.append(f"Not {reason}: {enumerated(names)}.")
+    return [*lines, *(_without_effects(line) for line in unshown)]
 
 
 def _without_effects(line: str) -> str:

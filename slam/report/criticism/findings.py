@@ -81,8 +81,8 @@ def distinct_findings(result: Criticism) -> list[Finding]:
     pattern that is told as an effect of inconstant size already."""
     left = list(result.findings)
     parts = [f for f in left if not (isinstance(f, NameInDoubt) and f.is_cause and not f.others)] or left
-    told = {_stands_out(f) for f in parts if isinstance(f, Inconsistency) and not f.is_cause}
-    return [f for f in parts if not (isinstance(f, ResidualPattern) and _stands_out(f) in told)]
+    named = {_stands_out(f) for f in parts if isinstance(f, Inconsistency) and not f.is_cause}
+    return [f for f in parts if not (isinstance(f, ResidualPattern) and _stands_out(f) in named)]
 
 
 def findings_in_words(result: Criticism) -> list[str]:

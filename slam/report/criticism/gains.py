@@ -47,16 +47,16 @@ def where_it_shows(result: Criticism, drawn: Sequence[str], each: Sequence[str] 
         return [*each, *drawn]
     gain, names = result.causes[0].gain, result.flights
     parts, better = np.array(gain.parts), better_parts(gain)
-    told = f"{'in' if len(result.causes) > 1 else 'In'} {better}"
+    text = f"{'in' if len(result.causes) > 1 else 'In'} {better}"
     if len(parts) < 2:
-        told = f"In {names[0]}" if len(names) == 1 else ""
+        text = f"In {names[0]}" if len(names) == 1 else ""
     elif len(parts) == len(names) and gain.by != "segment":
         most, least = names[int(np.argmax(parts))], names[int(np.argmin(parts))]
-        told += f"; most in {most} ({parts.max():.0f} nats), least in {least} ({parts.min():.0f} nats)"
+        text += f"; most in {most} ({parts.max():.0f} nats), least in {least} ({parts.min():.0f} nats)"
     elif len(names) == 1:
-        told += f" of {names[0]}"
-    who = f"{result.causes[0].name}: " if len(result.causes) > 1 and told else ""
-    return [f"{who}{told}." if told else "", *drawn]
+        text += f" of {names[0]}"
+    who = f"{result.causes[0].name}: " if len(result.causes) > 1 and text else ""
+    return [f"{who}{text}." if text else "", *drawn]
 
 
 def better_parts(gain: Gain) -> str:
@@ -87,8 +87,8 @@ def _others(gain: Gain) -> list[str]:
     others = sorted(
         (e for e in gain.judged if e is not gain.foremost and e.before), key=lambda e: e.after / e.before
     )
-    told = [f"{reading(e.channel)} {percent_of(e.after / e.before)}" for e in others]
-    return [f"The others change by: {', '.join(told)}."] if told else []
+    lines = [f"{reading(e.channel)} {percent_of(e.after / e.before)}" for e in others]
+    return [f"The others change by: {', '.join(lines)}."] if lines else []
 
 
 def percent_of(ratio: float) -> str:

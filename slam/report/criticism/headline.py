@@ -24,19 +24,19 @@ def lead(result: Criticism) -> str:
     """Return the headline in plain words: what was found and how surely, the gain, and what is left over."""
     if not result.verdict.startswith("named"):
         return with_titles([in_plain_names(result.sentence)])[0]
-    told = [_found(result), _gain(result), _left(result), result.limits]
-    return " ".join(part for part in told if part)
+    lines = [_found(result), _gain(result), _left(result), result.limits]
+    return " ".join(part for part in lines if part)
 
 
 def _found(result: Criticism) -> str:
     sure, others, none = by_certainty(result)
-    told = []
+    lines = []
     if len(sure) == 1:
-        told.append(f"Certain: {CATALOGUE[sure[0].name].title} ({CATALOGUE[sure[0].name].meaning}).")
+        lines.append(f"Certain: {CATALOGUE[sure[0].name].title} ({CATALOGUE[sure[0].name].meaning}).")
     elif sure:
         varying = " (whose size changes)"
         each = [f"{CATALOGUE[c.name].title}{varying * changes(c, result)}" for c in sure]
-        told.append(f"Certain: {enumerated(each)}.")
+        lines.append(f"Certain: {enumerated(each)}.")
     if others:
         each = [
             f"{CATALOGUE[c.name].title} ({doubt_of_name(c, result) or f'probability {c.probability:.2f}'})"
@@ -44,11 +44,11 @@ def _found(result: Criticism) -> str:
         ]
         what = "Something else is there too" if sure else "Something is there"
         name = either(len(others), "a less certain name", "less certain names")
-        told.append(f"{what}, with {name}: {enumerated(each)}.")
+        lines.append(f"{what}, with {name}: {enumerated(each)}.")
     if none:
         each = [CATALOGUE[c.name].title for c in none]
-        told.append(f"Not established, because the size may be none: {enumerated(each)}.")
-    return " ".join(told)
+        lines.append(f"Not established, because the size may be none: {enumerated(each)}.")
+    return " ".join(lines)
 
 
 def _gain(result: Criticism) -> str:
@@ -64,8 +64,8 @@ def _left(result: Criticism) -> str:
     if not parts:
         return ""
     (first,) = with_titles(findings_in_words(result)[:1])
-    told = f"{counted(len(parts), 'finding')} {either(len(parts), 'is', 'are')} not explained"
-    return f"{told}{'; one of them' if len(parts) > 1 else ''}: {first}"
+    text = f"{counted(len(parts), 'finding')} {either(len(parts), 'is', 'are')} not explained"
+    return f"{text}{'; one of them' if len(parts) > 1 else ''}: {first}"
 
 
 def _better(result: Criticism) -> str:
@@ -96,12 +96,12 @@ def promises(result: Criticism) -> list[str]:
             "It promises that something is wrong beyond chance. It does not promise what it is.",
         ]
     sure, open_, none = ([title_of(c.name) for c in kind] for kind in by_certainty(result))
-    told = []
+    lines = []
     if sure:
         is_there = either(len(sure), "is", "are")
-        told.append(f"It promises that {enumerated(sure)} {is_there} in these flights.")
+        lines.append(f"It promises that {enumerated(sure)} {is_there} in these flights.")
     if result.causes[0].gain.by:
-        told.append(f"It promises that {_better(result)}, by the changes under “Gain on held-out data”.")
+        lines.append(f"It promises that {_better(result)}, by the changes under “Gain on held-out data”.")
     no = []
     if open_:
         no.append(f"that {enumerated(open_)} {either(len(open_), 'is', 'are')} named rightly")
@@ -110,7 +110,7 @@ def promises(result: Criticism) -> list[str]:
     if left := distinct_findings(result):
         no.append(f"that the model is complete ({counted(len(left), 'finding')} left over)")
     no.append(f"that the gain is the same for {beyond}")
-    told.append(f"It does not promise {enumerated(no)}.")
+    lines.append(f"It does not promise {enumerated(no)}.")
     if result.limits:
-        told.append("Nothing is promised of the vehicle's motion, which was not judged.")
-    return told
+        lines.append("Nothing is promised of the vehicle's motion, which was not judged.")
+    return lines

@@ -55,11 +55,11 @@ def _drawn(flight: Flight, pairs: Sequence[BeforeAndAfter], begin_s: float) -> S
     from matplotlib.figure import Figure
 
     drawn = Figure(figsize=(7.2, 0.8 + 1.0 * len(pairs)), dpi=160, layout="constrained")
-    told = []
+    parts = []
     for axes, pair in zip(np.ravel(drawn.subplots(len(pairs), 1, sharex=True)), pairs, strict=True):
         sizes = pair.draw(axes, begin_s, ("as recorded", "corrected by the extended model"))
         axes.set_title(pair.channel, fontsize=9, loc="left")
-        told.append(f"{pair.channel} {sizes}")
+        parts.append(f"{pair.channel} {sizes}")
     drawn.axes[-1].set_xlabel(f"time in {flight.name} [s]", fontsize=9)
     handles, labels = drawn.axes[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
@@ -67,7 +67,7 @@ def _drawn(flight: Flight, pairs: Sequence[BeforeAndAfter], begin_s: float) -> S
         f"Error of what gyro or accelerometer alone predicts of another instrument's reading, started anew "
         f"from that reading every {RESTART_S:g} s, where the lines break. The corrections are those of all "
         f"causes together, fitted to the whole flight, this stretch among it. Root mean square over the "
-        f"{SHOWN_S:g} s: {'; '.join(told)}."
+        f"{SHOWN_S:g} s: {'; '.join(parts)}."
     )
     return Segment(
         "Before and after", png(drawn), caption,

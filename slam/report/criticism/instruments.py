@@ -51,15 +51,15 @@ def instruments_doubted(result: Criticism, flights: Sequence[Flight] = ()) -> li
         return ["Not known: what is wrong has no name, and may be an instrument's or the model's."]
     of_instruments = [c for c in result.causes if CATALOGUE[c.name].instrument]
     of_vehicle = [c for c in result.causes if c not in of_instruments]
-    told = [_in_short(of_instruments, of_vehicle, result)]
+    lines = [_in_short(of_instruments, of_vehicle, result)]
     by_advice: dict[str, list[str]] = {}
     for cause in of_instruments:
         by_advice.setdefault(_advice(cause, result), []).append(_beside_usual(cause, result))
-    told += [f"{advice[0].upper()}{advice[1:]}: {'; '.join(of)}." for advice, of in by_advice.items()]
+    lines += [f"{advice[0].upper()}{advice[1:]}: {'; '.join(of)}." for advice, of in by_advice.items()]
     if of_vehicle:
         names = enumerated([f"{title_of(cause.name)}{_above(cause)}" for cause in of_vehicle])
-        told.append(f"Of the vehicle or the place, not of an instrument: {names}.")
-    return [*told, *whose_is_it(result, flights)]
+        lines.append(f"Of the vehicle or the place, not of an instrument: {names}.")
+    return [*lines, *whose_is_it(result, flights)]
 
 
 def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism) -> str:
@@ -144,29 +144,29 @@ def _advice(cause: Cause, result: Criticism) -> str:
 def whose_is_it(result: Criticism, flights: Sequence[Flight]) -> list[str]:
     """Return whether what is left over is an instrument's or the vehicle's, or which log decides."""
     found = distinct_findings(result)
-    told = []
+    lines = []
     if any(finding.channel == GAIN and not finding.effect for finding in found) and (
         size := result.nuisances.get(GAIN)
     ):
         begin = f"{constant(GAIN)} is {figure(size.value)}{_in_the_file(GAIN, result)}"
         judged = judged_of(result, flights)
         if {"attitude", "imu"} <= {*missing_streams(judged)}:
-            told.append(
+            lines.append(
                 f"{begin}: the vehicle tilts otherwise than the model, or the speed sensor reads "
                 f"{figure(size.value)} times the speed; these flights cannot tell the two apart. A log of "
                 "the attitude, which they have not, can: then scale the sticks otherwise, or calibrate the "
                 "sensor."
             )
         else:
-            told.append(f"{begin}: of the vehicle, whose sticks are scaled otherwise than the model's.")
+            lines.append(f"{begin}: of the vehicle, whose sticks are scaled otherwise than the model's.")
     if sensors := concerned(result):
         whose = "" if result.limits else " It may be a motion of the vehicle that is not modelled, too."
         it = either(len(sensors), "it", "them")
         first = f"look at {it} before the next flight ({BY_HAND}), and if all is in order, fly"
-        told.append(f"What is not explained concerns {enumerated(sensors)}: {first}.{whose}")
+        lines.append(f"What is not explained concerns {enumerated(sensors)}: {first}.{whose}")
     elif found:
-        told.append("What is not explained may still be an instrument's.")
-    return told
+        lines.append("What is not explained may still be an instrument's.")
+    return lines
 
 
 def _in_the_file(name: str, result: Criticism) -> str:

@@ -44,13 +44,13 @@ def judged_data(result: Criticism, flights: Sequence[Flight]) -> list[str]:
         least, most = (f"{end:.0f}" for end in (lengths.min(), lengths.max()))
         each = f"{least} s" if least == most else f"{least} to {most} s"
         names = listed([flight.name for flight in judged], MOST_NAMES)
-        told = [
+        lines = [
             f"{counted(len(judged), 'flight')} ({names}), each {each} long, together {lengths.sum():.0f} s.",
             f"Readings of all together: {enumerated(_streams(judged))}.",
         ]
     else:
-        told = [f"{f.name}: {_duration_s(f):.0f} s with {enumerated(_streams([f]))}." for f in judged]
-    return [part for part in (*told, _lacking(judged), _held_out(result)) if part]
+        lines = [f"{f.name}: {_duration_s(f):.0f} s with {enumerated(_streams([f]))}." for f in judged]
+    return [part for part in (*lines, _lacking(judged), _held_out(result)) if part]
 
 
 def judged_of(result: Criticism, flights: Sequence[Flight]) -> list[Flight]:
@@ -89,17 +89,17 @@ def _duration_s(flight: Flight) -> float:
 
 def _streams(flights: Sequence[Flight]) -> list[str]:
     """Return each stream with the count of its readings and its rate."""
-    told = []
+    lines = []
     for name, words in _STREAMS.items():
         stamps = [s.stamps_s for f in flights if (s := getattr(f, name)) is not None and len(s.stamps_s) > 1]
         if not stamps:
             continue
         count = sum(map(len, stamps))
         if name == "command":
-            told.append(f"{words} ({count} entries)")
+            lines.append(f"{words} ({count} entries)")
             continue
-        told.append(f"{_axes(name, words, flights)} ({count} readings{_rate(stamps)})")
-    return told
+        lines.append(f"{_axes(name, words, flights)} ({count} readings{_rate(stamps)})")
+    return lines
 
 
 def _rate(stamps: Sequence[NDArray[np.float64]]) -> str:

@@ -71,24 +71,24 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
 
     judged = judged_of(result, flights)
     asked = _manoeuvres(result)
-    told = (
+    lines = (
         [] if asked and not result.next_flight and len(result.equivalence_set) < 2 else [flight_after(result)]
     )
-    told += [line for manoeuvre, line in asked.items() if manoeuvre not in " ".join(told)]
-    if any(_RIGHT_NAME in line for line in told):
-        told.append(
+    lines += [line for manoeuvre, line in asked.items() if manoeuvre not in " ".join(lines)]
+    if any(_RIGHT_NAME in line for line in lines):
+        lines.append(
             "A new size in the old interval supports a name; outside of it, the cause is probably another."
         )
-    told += _to_separate(result, " ".join(told))
+    lines += _to_separate(result, " ".join(lines))
     if is_of_speed(result):
-        told.append(
+        lines.append(
             "To see whether the unexplained error of the speed is the sensor's, or a motion that is not "
             f"modelled: {CATALOGUE['flow_scale'].excitation}."
         )
-    if "camera" in " ".join(told) and judged and "frames" in missing_streams(judged):
-        told.append("For the camera, record pictures as well.")
-    told = [as_seen(line, judged) for line in (*told, *_to_log(result, judged))]
-    return [*told, _how(result, " ".join(told))]
+    if "camera" in " ".join(lines) and judged and "frames" in missing_streams(judged):
+        lines.append("For the camera, record pictures as well.")
+    lines = [as_seen(line, judged) for line in (*lines, *_to_log(result, judged))]
+    return [*lines, _how(result, " ".join(lines))]
 
 
 def _manoeuvres(result: Criticism) -> dict[str, str]:
@@ -114,12 +114,12 @@ def _manoeuvres(result: Criticism) -> dict[str, str]:
     return {manoeuvre: f"To see {enumerated(of)}: {manoeuvre}." for manoeuvre, of in settled.items()}
 
 
-def _to_separate(result: Criticism, told: str) -> list[str]:
+def _to_separate(result: Criticism, text: str) -> list[str]:
     """Return the manoeuvre that shows the effect which looks like a cause, unless it is told already."""
     lines = []
     for cause in (c for c in result.causes if likeness_of_rival(c, result)):
         other, manoeuvre = cause.fair_rival, CATALOGUE[cause.fair_rival].manoeuvre
-        if manoeuvre not in told:
+        if manoeuvre not in text:
             lines.append(f"To tell {cause.name} from {other}: {manoeuvre}.")
     return lines
 
@@ -146,12 +146,12 @@ def _to_log(result: Criticism, judged: Sequence[Flight]) -> list[str]:
     ]
 
 
-def _how(result: Criticism, told: str) -> str:
+def _how(result: Criticism, text: str) -> str:
     """Return how manoeuvres are told, and how often to fly them."""
     from slam.criticism.verdict.held_out import FEWEST_FLIGHTS
 
     sticks = (
-        "" if result.limits or not _SHARE.search(told) else "Sticks are told as shares of full deflection. "
+        "" if result.limits or not _SHARE.search(text) else "Sticks are told as shares of full deflection. "
     )
     many = len(result.flights) >= FEWEST_FLIGHTS
     more = "" if many else ": from then on whole flights are held out"

@@ -204,7 +204,7 @@ def ranking_caption(result: Criticism) -> str:
     if any(rank.name == "unknown" and not _is_untried(rank, result) for rank in result.ranking):
         unknown = ", and that more is wrong than the causes explain (something unknown)"
         rest = "; something unknown is no single effect, and has no bar"
-    told = [
+    lines = [
         f"Left: probability of each cause given these flights, alone or in the best set{unknown}. Several "
         "may be there at once.",
         "Right: standard deviations by which it stands out, beside the other causes or alone in the original "
@@ -219,8 +219,8 @@ def ranking_caption(result: Criticism) -> str:
         if doubt_of_name(c, result)
     ]
     if doubts:
-        told.append(f"Open bars are no probability of one name: {'; '.join(doubts)}.")
-    return " ".join(filter(None, told))
+        lines.append(f"Open bars are no probability of one name: {'; '.join(doubts)}.")
+    return " ".join(filter(None, lines))
 
 
 def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:

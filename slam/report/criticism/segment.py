@@ -95,8 +95,8 @@ def _unexplained_segment(
 ) -> Segment | None:
     """Return the segment with the largest misfit of the reading that no effect explains; None where it is
     none of the replay, or where nothing is left over."""
-    told = (pattern.channel for pattern in result.patterns[:1] if result.findings)
-    channel = REPLAYED.get(next(told, ""))
+    channels = (pattern.channel for pattern in result.patterns[:1] if result.findings)
+    channel = REPLAYED.get(next(channels, ""))
     return before_after_picture(model, extended, flights, channel, result.unseen) if channel else None
 
 

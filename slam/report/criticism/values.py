@@ -115,8 +115,8 @@ def unshown_constants(result: Criticism) -> str:
     """
     own = (name for name, _ in _own_constants(result) if _is_plain(name) and not is_shown(name, result))
     hidden = [constant(name) for name in own]
-    told = f"Not shown by these flights, and kept as healthy vehicles have them: {enumerated(hidden)}."
-    return told if hidden else ""
+    text = f"Not shown by these flights, and kept as healthy vehicles have them: {enumerated(hidden)}."
+    return text if hidden else ""
 
 
 def is_shown(name: str, result: Criticism) -> bool:
@@ -163,17 +163,17 @@ def _rows_of(cause: Cause, result: Criticism) -> list[ValueRow]:
         parameter = CATALOGUE[cause.name].parameter(name)
         factor, unit = one_unit(found)
         words, change = quantity(cause.name, name), change_of_size(result, cause.name, name)
-        told = [(words, found, compared(parameter, found))]
+        lines = [(words, found, compared(parameter, found))]
         if change is not None:
             each = ((f"before {change.moment}", change.before), (f"after {change.moment}", change.after))
-            told = [
+            lines = [
                 *((f"{words}: {when}", size, compared(parameter, size)) for when, size in each),
                 (f"{words}: {_ONE_SIZE}", found, "a mean of both"),
             ]
         elif changes_in_time(cause.name, name, result):
-            mean = "may be none" if told[0][2] == NO_DIFFERENCE else f"is {told[0][2]}"
-            told = [(words, found, f"changes; extended.toml has its mean, which {mean}")]
-        for of, size, verdict in told:
+            mean = "may be none" if lines[0][2] == NO_DIFFERENCE else f"is {lines[0][2]}"
+            lines = [(words, found, f"changes; extended.toml has its mean, which {mean}")]
+        for of, size, verdict in lines:
             rows.append(
                 ValueRow(
                     "" if rows else title_of(cause.name),

@@ -203,12 +203,12 @@ def noise_rows(result: Criticism) -> list[NoiseRow]:
 
 def noise_caption(result: Criticism) -> str:
     """Caption of the noise that is correlated, which the whitened innovations no longer hold."""
-    told = [f"{reading(name)} by {figure(share)}" for name, share in result.noise_correlation.items()]
-    if not told:
+    lines = [f"{reading(name)} by {figure(share)}" for name, share in result.noise_correlation.items()]
+    if not lines:
         return ""
     return (
-        f"The model has noise that is like that of the sample before ({enumerated(told)}, which is healthy); "
-        "the correlation here is what is left once that is taken out."
+        f"The model has noise that is like that of the sample before ({enumerated(lines)}, which is "
+        "healthy); the correlation here is what is left once that is taken out."
     )
 
 
@@ -221,9 +221,9 @@ def noise_answer(result: Criticism) -> str:
     more = [f"{name} ({ratio:.2f})" for name, ratio in ratios.items() if ratio > 1.0 + MISFIT]
     if not less and not more:
         return f"Yes: errors have the predicted size within {100 * MISFIT:.0f} %."
-    told = [
+    lines = [
         f"errors are {way} than predicted: {enumerated(of)}"
         for way, of in (("smaller", less), ("larger", more))
         if of
     ]
-    return f"Not quite: by more than {100 * MISFIT:.0f} %, {'; '.join(told)}."
+    return f"Not quite: by more than {100 * MISFIT:.0f} %, {'; '.join(lines)}."

@@ -97,10 +97,10 @@ def surveyed_points(report: ControlReport | None) -> list[dict[str, Any]]:
             continue
         role = f"{'Control' if point.role == 'control' else 'Check'} point {one_line(point.name)}"
         off = np.isfinite(point.distance_m)
-        told = [f"the map has it {length(point.distance_m)} from its survey"] if off else []
-        told += [f"not used: {one_line(point.reason)}"] if point.reason else []
+        lines = [f"the map has it {length(point.distance_m)} from its survey"] if off else []
+        lines += [f"not used: {one_line(point.reason)}"] if point.reason else []
         x, y, _ = point.surveyed_m
-        found.append({"x": x, "y": y, "words": [role, *told]})
+        found.append({"x": x, "y": y, "words": [role, *lines]})
     return found
 
 

@@ -64,19 +64,19 @@ def _of_echoes(estimate: Estimate, facts: Facts, flight: Flight | None) -> str:
     """Return how accurate one echo is, and how far those of a flat floor scatter, in sentences with a space
     behind."""
     scatter = None if estimate.elevation is None else floor_scatter(estimate.elevation.height_m)
-    told = ""
+    text = ""
     if flight is not None and flight.sonar is not None:
         known = facts.error(flight.sonar.noise_std_m)
-        told = f"One echo is {whence(flight.sonar)} to be good to ±{SPACE}{known}"
-        told += ": smaller differences are noise. " if scatter is None else ". "
+        text = f"One echo is {whence(flight.sonar)} to be good to ±{SPACE}{known}"
+        text += ": smaller differences are noise. " if scatter is None else ". "
     if scatter is not None:
-        told += (
+        text += (
             f"Echoes of the floor scatter from {scatter} (three standard deviations to either side, of "
             f"{facts.error(scatter.std_m)} each). Heights "
             "between have the colour of the floor, so that what stands on it can be told. "
         )
-        told += _standing_out(estimate, facts, scatter)
-    return told
+        text += _standing_out(estimate, facts, scatter)
+    return text
 
 
 def _standing_out(estimate: Estimate, facts: Facts, scatter: FloorScatter) -> str:
@@ -84,7 +84,7 @@ def _standing_out(estimate: Estimate, facts: Facts, scatter: FloorScatter) -> st
     space behind; empty where nothing does."""
     found = estimate.elevation
     assert found is not None
-    told = []
+    lines = []
     for out, index, of_floor in (
         (found.height_m > scatter.highest_m, np.nanargmax(found.height_m), "above"),
         (found.height_m < scatter.lowest_m, np.nanargmin(found.height_m), "below"),
@@ -93,13 +93,13 @@ def _standing_out(estimate: Estimate, facts: Facts, scatter: FloorScatter) -> st
             row, column = np.unravel_index(int(index), found.height_m.shape)
             x_m, y_m = found.west_m + (column + 0.5) * found.gsd_m, found.north_m - (row + 0.5) * found.gsd_m
             most_m = abs(float(found.height_m[row, column]))
-            told.append(
+            lines.append(
                 f"{area(float(out.sum()) * found.gsd_m**2, facts.metric)} lie {of_floor} it, by "
                 f"{facts.length(most_m)} at most, around {at(estimate, float(x_m), float(y_m))}"
             )
-    if not told:
+    if not lines:
         return ""
-    return f"{'; '.join(told)}. Single cells, and bars across the path, are likely wrong echoes. "
+    return f"{'; '.join(lines)}. Single cells, and bars across the path, are likely wrong echoes. "
 
 
 def _signed(height_m: float, facts: Facts) -> str:

@@ -78,10 +78,10 @@ def checked_by_points(control: ControlReport) -> Evaluated:
 
 def evaluated(evaluation: Evaluation) -> Evaluated:
     """Return the comparison: the errors of a map, and whether its uncertainty and its loops are right."""
-    told = (_map_against_truth(evaluation), _loops_against_truth(evaluation))
+    lines = (_map_against_truth(evaluation), _loops_against_truth(evaluation))
     known = evaluation.metric and any(np.isfinite(row.error_m.loops) for row in evaluation.landmarks)
     return Evaluated(
-        " ".join(filter(None, told)),
+        " ".join(filter(None, lines)),
         accuracy_tables(evaluation),
         known,
         evaluation.landmarks_on_map,

@@ -63,7 +63,7 @@ def antenna_text(found: AntennaPlace | None) -> str:
     if found is None:
         return ""
     rows = zip(("forward", "left"), found.place_m, found.std_m, found.told_m, strict=False)
-    each = [f"{axis} {with_error(at, std, '+')} m (told {told:+.2f})" for axis, at, std, told in rows]
+    each = [f"{axis} {with_error(at, std, '+')} m (told {stated:+.2f})" for axis, at, std, stated in rows]
     return ", ".join(each)
 
 

@@ -74,8 +74,8 @@ def _of_attitude(attitude: AttitudeSeries) -> str:
 
 
 def _of_velocity(velocity: Velocity) -> str:
-    told = _told(velocity, "scale_std")
-    gain = f"; for all together gain {percent(velocity.scale_std)}{told}" if velocity.scale_std else ""
+    stated = _told(velocity, "scale_std")
+    gain = f"; for all together gain {percent(velocity.scale_std)}{stated}" if velocity.scale_std else ""
     return f"{max(velocity.noise_std_m_s):.2g}{SPACE}m/s{_told(velocity)}{gain}"
 
 

@@ -96,12 +96,12 @@ def test_a_point_with_a_fault_is_said_to_contradict_nothing():
     """Its fault is a warning already, and its place may be that of another point."""
     _, bundle, points, _ = refined(0)
     first = told(points[0])
-    faulty = replace(first, told=replace(first.told, fault="one place has 2 names (P0, gate)"))
+    faulty = replace(first, survey=replace(first.survey, fault="one place has 2 names (P0, gate)"))
     verdict = ControlComparison((faulty, *(told(p) for p in points[1:6]))).judge(bundle, np.ones(6, bool))
     assert verdict.used.tolist() == [False] + [True] * 5
     report = verdict.report(bundle, verdict.used)
     assert control_warnings(report) == []
-    assert (report.points[0].reason, report.points[0].residual_m) == (faulty.told.fault, None)
+    assert (report.points[0].reason, report.points[0].residual_m) == (faulty.survey.fault, None)
 
 
 @pytest.mark.slow

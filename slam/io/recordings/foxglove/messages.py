@@ -111,12 +111,12 @@ def _fix(values: Values) -> Message:
         header=_header(values),
         status=SimpleNamespace(status=status),
         position_covariance=covariance,
-        position_covariance_type=int(len(covariance) == 9 and _is_told(values)),
+        position_covariance_type=int(len(covariance) == 9 and _is_stated(values)),
         **place,
     )
 
 
-def _is_told(values: Values) -> bool:
+def _is_stated(values: Values) -> bool:
     """Return whether a fix states its covariance; JSON may name the kind instead of its number."""
     return values.get("position_covariance_type", 0) not in (0, "0", "UNKNOWN")
 

@@ -53,10 +53,10 @@ def _position(fields: Fields) -> Converted:
     faults = {k: why for k in rows if (why := position_fault(*values[k, :2]))}
     values[list(faults)] = np.nan
     values, notes = _unless_held(values)
-    return values, (*_told_faults(fields, faults, int(known.sum())), *notes)
+    return values, (*_fault_notes(fields, faults, int(known.sum())), *notes)
 
 
-def _told_faults(fields: Fields, faults: Mapping[int, str], count: int) -> tuple[str, ...]:
+def _fault_notes(fields: Fields, faults: Mapping[int, str], count: int) -> tuple[str, ...]:
     """Return a line about positions that are none; row -> why it is none. 0, 0 is no fix, and no fault."""
     place = columns(fields, "latitude", "longitude")
     beyond = [k for k in faults if place[k].any()]
@@ -181,12 +181,12 @@ def read_table(path: Path) -> Table:
     text, notes = _text_of(path)
     layout = layout_of(path, text)
     found, unread = columns_of(path, layout.titles, layout.units, layout.line)
-    told = [each for name, each in found.items() if name not in (*TIMES, "week", "picture")]
+    parts = [each for name, each in found.items() if name not in (*TIMES, "week", "picture")]
     mark = decimal_mark(path, layout, found.values())
     times_s, lines = row_times(path, layout, found, mark)
     known = np.isfinite(times_s)
     fields: Fields = {"time": times_s[known]}
-    for column in told:
+    for column in parts:
         values, faults = numbers(layout, column, mark)
         fields = {**fields, column.quantity: values[known]}
         lines += faults

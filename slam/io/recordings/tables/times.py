@@ -60,8 +60,8 @@ def row_times(
         raise refusal(path, what, _WRITE, layout.lines[0])
     lost = int((~np.isfinite(times_s)).sum())
     if lost:
-        told = f"{counted(lost, 'row has', 'rows have')} no time; write times there if they should count"
-        notes = (*notes, told)
+        text = f"{counted(lost, 'row has', 'rows have')} no time; write times there if they should count"
+        notes = (*notes, text)
     return times_s, notes
 
 

@@ -46,9 +46,9 @@ def with_sense(yaw: Column, fields: Fields) -> YawSense:
     is doubted where nothing tells its sense: one beyond half a turn, or in degrees and never negative.
     """
     title = f"column {brief(yaw.title, 40)!r}"
-    told = {by: sense for by, sense in (("the gyro", _by_gyro(fields)), _by_track(fields)) if sense}
-    senses = set(told.values())
-    by = " and ".join(told)
+    found = {by: sense for by, sense in (("the gyro", _by_gyro(fields)), _by_track(fields)) if sense}
+    senses = set(found.values())
+    by = " and ".join(found)
     if senses == {"clockwise"}:
         others = {name: values for name, values in fields.items() if name != "yaw"}
         note = Note(f"{title} is clockwise from north by {by}; read as heading, with pitch up")

@@ -72,10 +72,10 @@ def _start_of_video(table: Table, video_s: float) -> tuple[float | None, str]:
     fits = edges[np.abs(lengths_s - video_s) <= 2 * (_SWITCH_S + step_s)]
     if len(fits) == 1:
         return float(times_s[fits[0, 0]]), "its column isVideo"
-    told = ", ".join(f"{length_s:.1f}" for length_s in lengths_s) or "none"
+    lengths = ", ".join(f"{length_s:.1f}" for length_s in lengths_s) or "none"
     which = "no" if not len(fits) else "more than one"
     return None, (
-        f"its column isVideo tells {which} stretch as long as the video, {video_s:.1f} s (in s: {told})"
+        f"its column isVideo tells {which} stretch as long as the video, {video_s:.1f} s (in s: {lengths})"
     )
 
 

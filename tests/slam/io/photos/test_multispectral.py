@@ -128,8 +128,8 @@ def test_the_fisheye_lens_of_the_tags(tmp_path):
     inside = np.all((expected > 0) & (expected < [1279, 959]), axis=1)
     assert inside.sum() > 300
     error_px = np.linalg.norm(camera.project(directions) - expected, axis=1)[inside].max()
-    told_px = float(remark.split("described by OpenCV's fisheye, with errors of up to ")[1].split()[0])
-    assert error_px < 1.1 * told_px < 0.1
+    stated_px = float(remark.split("described by OpenCV's fisheye, with errors of up to ")[1].split()[0])
+    assert error_px < 1.1 * stated_px < 0.1
     zero = np.zeros(3)
     lens = camera.matrix, np.array(camera.distortion)
     by_opencv = cv2.fisheye.projectPoints(directions[:, None], zero, zero, *lens)[0][:, 0]

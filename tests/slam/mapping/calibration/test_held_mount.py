@@ -47,9 +47,9 @@ def test_a_lean_by_chance_is_no_mount() -> None:
 def test_an_exact_mount_is_believed_until_a_clear_lean_contradicts_it() -> None:
     vague, clear = leaning(3e-4, 0.0), leaning(5e-4, 0.0)
     assert held_mount_covariance(vague, None).any()
-    assert not held_mount_covariance(vague, None, told_exact=True).any()
+    assert not held_mount_covariance(vague, None, stated_exact=True).any()
     np.testing.assert_array_equal(
-        held_mount_covariance(clear, None, told_exact=True), held_mount_covariance(clear, None)
+        held_mount_covariance(clear, None, stated_exact=True), held_mount_covariance(clear, None)
     )
 
 
@@ -65,9 +65,9 @@ def test_a_vague_accelerometer_limits_a_clear_lean_of_the_attitude_by_its_noise_
     assert 0.1 * alone[1, 1] < vague[1, 1] < 0.5 * alone[1, 1]
     sharp = held_mount_covariance(clear, by_inertia(1e-4, 1e-4))
     assert sharp[1, 1] < 1e-3 * alone[1, 1]
-    both = held_mount_covariance(clear, by_inertia(0.05, 1e-4), told_exact=True)
+    both = held_mount_covariance(clear, by_inertia(0.05, 1e-4), stated_exact=True)
     assert both[1, 1] == pytest.approx(alone[1, 1], rel=1e-3)
-    assert not held_mount_covariance(clear, by_inertia(0.0, 0.02), told_exact=True).any()
+    assert not held_mount_covariance(clear, by_inertia(0.0, 0.02), stated_exact=True).any()
 
 
 def test_a_lean_forward_is_a_rotation_about_left() -> None:

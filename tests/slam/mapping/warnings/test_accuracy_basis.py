@@ -99,9 +99,9 @@ def test_a_focal_length_that_is_held_is_named():
 )
 def test_a_focal_length_behind_heights_is_named_where_the_flight_does_not_tell_it(lens, told):
     if lens is not None:
-        told_px, found_px = lens
+        stated_px, found_px = lens
         std = np.full(9, found_px)
-        lens = LensEstimate("brown", np.full(9, 1000.0), std, np.full(9, told_px))
+        lens = LensEstimate("brown", np.full(9, 1000.0), std, np.full(9, stated_px))
     line = basis(gps=True, lens=lens).replace("\N{NO-BREAK SPACE}", " ")
     assert (f"heights over the ground rest on the focal length, {told}, which this" in line) == bool(told)
     assert ("focal" in line) == bool(told)

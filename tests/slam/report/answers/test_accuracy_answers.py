@@ -274,7 +274,7 @@ def test_heights_that_nothing_measured_are_told_where_a_place_is_least_certain()
     estimate, flight = made_estimate(), made_flight()
     mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5, 0.56, 2.0, 1.25)
     hilly = GroundFacts(misregistration_px=(0.3, 0.9), over_floor_px=(2.0, 9.0), relief_share=0.4)
-    for ground, is_told in (
+    for ground, is_stated in (
         (hilly, False),
         (replace(hilly, level_share=0.1), True),
         (replace(hilly, doubted_share=0.1), True),
@@ -282,4 +282,4 @@ def test_heights_that_nothing_measured_are_told_where_a_place_is_least_certain()
         uneven = replace(estimate, ground=ground)
         rows = pilots_answers(uneven, summarise(uneven), gather(uneven, flight), mosaic)
         told = next(row.value for row in rows if row.label == "Where is it least certain?")
-        assert ("Where no height was measured" in told) is is_told
+        assert ("Where no height was measured" in told) is is_stated
