@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Gps
+from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 
 Array = NDArray[np.float64]
 
@@ -13,6 +16,36 @@ _UP_RATIO = Gps.noise_std_m[2] / Gps.noise_std_m[0]
 """Error up over that along the ground, of a receiver that does not state the first."""
 _DIFFERENT = 2.0
 """Ratio of standard deviations from which on each fix counts with its own: the weights differ fourfold."""
+
+
+_FINEST_M = 1e-3
+"""No receiver states its accuracy finer: this many degrees, 111 m, may be as many metres."""
+_UP_SPLIT = _UP_RATIO * METRES_PER_DEGREE**0.5
+"""Error up in metres over a number for that along the ground, halfway in digits between one in metres and one
+in degrees."""
+
+
+def accuracy_in_metres(
+    noise_std: Sequence[float], latitude_deg: float, notes: list[str]
+) -> tuple[float, float, float]:
+    """Return the accuracy east, north, up in metres of ``noise_std``: along latitude, longitude, and up.
+
+    It is in degrees, degrees and metres. Numbers of 0.001 or more are taken as metres, with a note, unless
+    the accuracy of the altitude fits to degrees: 111 m or worse.
+    """
+    north, east, up = noise_std
+    along = max(north, east)
+    in_degrees = east * metres_per_degree_east(latitude_deg), north * METRES_PER_DEGREE
+    if along < _FINEST_M:
+        return *in_degrees, up
+    what = f"noise_std of latitude and longitude, {along:.4g}, is taken as"
+    degrees = f"{along / METRES_PER_DEGREE:.3g}"
+    if up > _UP_SPLIT * along:
+        why = f"{max(in_degrees):.0f} m, because that of the altitude is {up:g} m"
+        notes.append(f"{what} degrees, {why}; write {degrees} if it is in metres")
+        return *in_degrees, up
+    notes.append(f"{what} metres: as degrees it is {max(in_degrees):.0f} m; write degrees, {degrees}")
+    return east, north, up
 
 
 def with_accuracy(positions: Array, std_m: Array) -> Array:

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
-from slam.core.geodesy import MAX_ALTITUDE_M, METRES_PER_DEGREE, metres_per_degree_east
+from slam.core.geodesy import MAX_ALTITUDE_M
 from slam.core.instrument import Instrument
 from slam.core.messages import Note
 from slam.io.assumed import assumed_keys
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
-from slam.io.gps_accuracy import median_and_each, typical_accuracy
+from slam.io.gps_accuracy import accuracy_in_metres, median_and_each, typical_accuracy
 from slam.io.plausibility import GYRO_LIMIT_RAD_S
 from slam.io.sensor_yaml import MAX_LEVER_M, YamlFile
 
@@ -314,13 +314,8 @@ def _gps_noise(source: Source, latitude_deg: Array) -> tuple[float, float, float
     it, what fixes state, or the default."""
     if not source.sensor.has("noise_std") or not len(latitude_deg):
         return typical_accuracy(_stated_stds(source.table)) or Gps.noise_std_m
-    north, east, up = source.noise(Gps.noise_std_m, (MAX_ALTITUDE_M,) * 3)
-    if max(north, east) > 0.1:
-        source.notes.append(
-            "noise_std of latitude and longitude is beyond 0.1 deg: metres assumed; write degrees"
-        )
-        return east, north, up
-    return east * metres_per_degree_east(float(latitude_deg[0])), north * METRES_PER_DEGREE, up
+    noise_std = source.noise(Gps.noise_std_m, (MAX_ALTITUDE_M,) * 3)
+    return accuracy_in_metres(noise_std, float(latitude_deg[0]), source.notes)
 
 
 def _truth(source: Source) -> Truth:
