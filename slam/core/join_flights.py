@@ -7,9 +7,9 @@ take-off, so segments without features are not bridged.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,27 @@ from slam.core.arguments import flight_tuple
 from slam.core.control_points import SurveyedPoint
 from slam.core.duplicate_flights import without_duplicates
 from slam.core.errors import InputError
-from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth, with_unique_names
+from slam.core.flight import (
+    STREAMS,
+    AttitudeSeries,
+    Flight,
+    Frames,
+    Gps,
+    Image,
+    Sonar,
+    Truth,
+    with_unique_names,
+)
 from slam.core.messages import same_kind
 
 Array = NDArray[np.float64]
+_Series = TypeVar("_Series", Sonar, AttitudeSeries, Gps, Truth)
 
 JOINED_STREAMS = ("frames", "sonar", "attitude", "gps", "truth")
 """Fields of ``Flight`` that a map of several flights uses."""
 
+_SAME_MOUNT = 1e-3
+"""Mounts differ by less than this, in radians or metres, where they are the same up to rounding."""
 PAUSE_S = 20.0
 """Least pause between two flights. It is longer than the 10 s after which a second visit counts as a loop."""
 
@@ -36,8 +49,9 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
 
     ``flights`` may be any iterable. A flight that begins before the previous one ends is shifted behind it by
     whole seconds, with a warning. Truth is kept where all flights have it; it must be in the same world.
-    Raises ``InputError`` where there is no flight, one has no pictures, cameras differ, or one recording is
-    given twice.
+    The noise and the systematic errors of an instrument are the largest of all flights; GPS positions keep
+    their own. Raises ``InputError`` where there is no flight, one has no pictures, cameras or mounts differ,
+    or one recording is given twice.
     """
     flights = flight_tuple(flights)
     if not flights:
@@ -46,6 +60,7 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
         return flights[0]
     for flight in flights:
         _check_same_camera(flights[0], flight)
+    _check_same_mounts(flights)
     parts = with_unique_names(flights)
     _, copies = without_duplicates(parts)
     if copies:
@@ -63,10 +78,10 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
         epoch_ns=parts[0].epoch_ns,
         camera=parts[0].camera,
         frames=_frames(shifted),
-        sonar=_sonar([flight.sonar for flight in shifted if flight.sonar is not None]),
-        attitude=_attitude([flight.attitude for flight in shifted if flight.attitude is not None]),
-        gps=_gps([flight.gps for flight in shifted if flight.gps is not None]),
-        truth=_truth(truths) if len(truths) == len(parts) else None,
+        sonar=_joined([_within_limits(flight.sonar) for flight in shifted if flight.sonar is not None]),
+        attitude=_joined([flight.attitude for flight in shifted if flight.attitude is not None]),
+        gps=_joined([flight.gps for flight in shifted if flight.gps is not None]),
+        truth=_joined(truths) if len(truths) == len(parts) else None,
         landmarks={name: place for flight in reversed(parts) for name, place in flight.landmarks.items()},
         landmark_pairs=tuple(dict.fromkeys(pair for flight in parts for pair in flight.landmark_pairs)),
         surveyed=_surveyed(parts),
@@ -92,6 +107,20 @@ def _check_same_camera(first: Flight, other: Flight) -> None:
         )
 
 
+def _check_same_mounts(flights: Sequence[Flight]) -> None:
+    """Check that each instrument is in one place on the body; an assumed place is no contradiction."""
+    for name in JOINED_STREAMS:
+        series = [(flight.name, getattr(flight, name)) for flight in flights]
+        mounted = [(flight_name, s) for flight_name, s in series if hasattr(s, "b_T_s")]
+        stated = [(flight_name, s.b_T_s) for flight_name, s in mounted if "T_BS" not in s.assumed]
+        for flight_name, b_T_s in stated:
+            if not np.allclose(b_T_s, stated[0][1], atol=_SAME_MOUNT):
+                raise InputError(
+                    f"{flight_name}: {STREAMS[name].folder} mounted in another way than that of "
+                    f"{stated[0][0]}; map each alone, or correct T_BS"
+                )
+
+
 def _difference(a: Camera, b: Camera) -> str | None:
     if a.size_px != b.size_px:
         return f"{b.size_px[0]}x{b.size_px[1]} px, not {a.size_px[0]}x{a.size_px[1]}"
@@ -104,7 +133,7 @@ def _difference(a: Camera, b: Camera) -> str | None:
     distortion_a, distortion_b = (np.pad(c.distortion, (0, widest - len(c.distortion))) for c in (a, b))
     if not np.allclose(distortion_a, distortion_b, atol=1e-3):
         return f"distortion {list(b.distortion)}, not {list(a.distortion)}"
-    return None if np.allclose(a.b_T_c, b.b_T_c, atol=1e-3) else "mounted in another way"
+    return None if np.allclose(a.b_T_c, b.b_T_c, atol=_SAME_MOUNT) else "mounted in another way"
 
 
 def _shifts(parts: Sequence[Flight]) -> tuple[list[float], list[str]]:
@@ -181,52 +210,70 @@ def _place(point: SurveyedPoint) -> tuple[float, float, float]:
     return point.latitude_deg, point.longitude_deg, point.altitude_m
 
 
-def _sonar(parts: list[Sonar]) -> Sonar | None:
+def _joined(parts: Sequence[_Series]) -> _Series | None:
+    """Return the readings of all flights as one series, each of its fields by its rule; None without any."""
     if not parts:
         return None
-    return replace(
-        parts[0],
-        stamps_s=_concatenated(parts, "stamps_s"),
-        range_m=_concatenated(parts, "range_m"),
-        noise_std_m=max(part.noise_std_m for part in parts),
-        scale_std=max(part.scale_std for part in parts),
-        datum_std_m=max(part.datum_std_m for part in parts),
-    )
+    return replace(parts[0], **{f.name: _RULES[f.name](parts, f.name) for f in fields(parts[0])})
 
 
-def _attitude(parts: list[AttitudeSeries]) -> AttitudeSeries | None:
-    if not parts:
+def _within_limits(sonar: Sonar) -> Sonar:
+    """Leave out ranges beyond the limits of this sonar; those of the joined ones are wider."""
+    inside = (sonar.range_m >= sonar.min_range_m) & (sonar.range_m <= sonar.max_range_m)
+    return replace(sonar, range_m=np.where(inside, sonar.range_m, np.nan))
+
+
+def _concatenated(parts: Sequence[Any], name: str) -> Array | None:
+    values = [getattr(part, name) for part in parts]
+    return None if any(value is None for value in values) else np.concatenate(values)
+
+
+def _largest(parts: Sequence[Any], name: str) -> Any:
+    """Return the largest number, or the largest of each element."""
+    largest = np.max([getattr(part, name) for part in parts], axis=0)
+    return tuple(largest.tolist()) if largest.ndim else float(largest)
+
+
+def _smallest(parts: Sequence[Any], name: str) -> float:
+    return float(min(getattr(part, name) for part in parts))
+
+
+def _noise(parts: Sequence[Any], name: str) -> Any:
+    """Return the largest noise, or the median of that of each position where the flights' differ."""
+    stds_m = _each_std(parts)
+    return _largest(parts, name) if stds_m is None else tuple(np.median(stds_m, axis=0).tolist())
+
+
+def _each_std(parts: Sequence[Any], _: str = "") -> Array | None:
+    """Return the accuracy of each position where that of one flight is not that of all; else None."""
+    if not isinstance(parts[0], Gps):
         return None
-    angles = _concatenated(parts, "roll_pitch_yaw_rad")
-    return replace(parts[0], stamps_s=_concatenated(parts, "stamps_s"), roll_pitch_yaw_rad=angles)
-
-
-def _gps(parts: list[Gps]) -> Gps | None:
-    if not parts:
-        return None
-    return replace(
-        parts[0],
-        stamps_s=_concatenated(parts, "stamps_s"),
-        latitude_deg=_concatenated(parts, "latitude_deg"),
-        longitude_deg=_concatenated(parts, "longitude_deg"),
-        altitude_m=_concatenated(parts, "altitude_m"),
-        **_accuracy(parts),
-    )
-
-
-def _accuracy(parts: list[Gps]) -> dict[str, Any]:
-    """Return the accuracy of joined positions: of each fix where that of one flight is not that of all."""
     stated = {part.noise_std_m for part in parts}
     if len(stated) == 1 and all(part.stds_m is None for part in parts):
-        return {}
-    stds_m = _concatenated(parts, "each_std_m")
-    east, north, up = np.median(stds_m, axis=0).tolist()
-    return {"stds_m": stds_m, "noise_std_m": (east, north, up)}
+        return None
+    return _concatenated(parts, "each_std_m")
 
 
-def _truth(parts: list[Truth]) -> Truth:
-    return Truth(_concatenated(parts, "stamps_s"), _concatenated(parts, "w_T_b"))
+def _mount(parts: Sequence[Any], name: str) -> Array:
+    """Return the mount, one that a flight states if any does. `_check_same_mounts` has compared them."""
+    stated = [part for part in parts if "T_BS" not in part.assumed]
+    return np.asarray(getattr((stated or parts)[0], name))
 
 
-def _concatenated(parts: Sequence[Sonar | AttitudeSeries | Gps | Truth], name: str) -> Array:
-    return np.concatenate([getattr(part, name) for part in parts])
+def _assumed(parts: Sequence[Any], name: str) -> tuple[str, ...]:
+    """Return what any flight assumes: it is stated for a part of the readings alone."""
+    return tuple(dict.fromkeys(key for part in parts for key in getattr(part, name)))
+
+
+_RULES: dict[str, Callable[[Sequence[Any], str], Any]] = {
+    **dict.fromkeys(("stamps_s", "range_m", "roll_pitch_yaw_rad", "w_T_b", "w_v_m_s"), _concatenated),
+    **dict.fromkeys(("latitude_deg", "longitude_deg", "altitude_m"), _concatenated),
+    **dict.fromkeys(("noise_std_rad", "scale_std", "datum_std_m", "antenna_std_m"), _largest),
+    **dict.fromkeys(("max_range_m", "beam_width_rad"), _largest),
+    "min_range_m": _smallest,
+    "noise_std_m": _noise,
+    "stds_m": _each_std,
+    "b_T_s": _mount,
+    "assumed": _assumed,
+}
+"""Field of a series -> its value for several flights. A field without a rule is an error."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from slam import evaluate, optimize
 from slam.cli import app
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Gps
-from slam.core.join_flights import PAUSE_S, _gps, join_flights
+from slam.core.flight import AttitudeSeries, Flight, Gps, Sonar, Truth
+from slam.core.join_flights import _RULES, PAUSE_S, _joined, join_flights
 from slam.io.estimate import read_estimate
 from slam.io.flight_writer import write_flight
 from tests.slam.small_flight import elsewhere, flown, gps_of, only, photographs, seeing
@@ -153,7 +153,80 @@ def test_the_command_takes_several_flights_and_evaluates_their_map(two, tmp_path
 def test_positions_of_flights_of_different_accuracy_keep_their_own():
     zero = np.zeros(2)
     gps = [Gps(np.arange(2.0), zero, zero, zero, noise_std_m=(s, s, 2 * s)) for s in (0.01, 5.0)]
-    joined = _gps(gps)
+    joined = _joined(gps)
     np.testing.assert_equal(joined.stds_m[:, 0], [0.01, 0.01, 5.0, 5.0])
     assert joined.noise_std_m == (2.505, 2.505, 5.01)
-    assert _gps(gps[:1]).stds_m is None
+    assert _joined(gps[:1]).stds_m is None
+
+
+def raised(lever_m):
+    b_T_s = np.eye(4)
+    b_T_s[2, 3] = lever_m
+    return b_T_s
+
+
+def of_series(**changes):
+    """Return a change of some fields of some series of a flight, as ``{"sonar": {"scale_std": 0.1}}``."""
+    return lambda f: replace(f, **{name: replace(getattr(f, name), **c) for name, c in changes.items()})
+
+
+def with_gps(flight):
+    return replace(flight, gps=gps_of(flight, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("series", "field", "value"),
+    [
+        ("sonar", "noise_std_m", 0.3),
+        ("sonar", "scale_std", 0.3),
+        ("sonar", "datum_std_m", 0.3),
+        ("sonar", "beam_width_rad", 1.0),
+        ("sonar", "max_range_m", 60.0),
+        ("sonar", "min_range_m", 0.01),
+        ("sonar", "assumed", ("noise_std",)),
+        ("attitude", "noise_std_rad", (0.05, 0.06, 0.2)),
+        ("attitude", "assumed", ("noise_std",)),
+        ("gps", "antenna_std_m", 0.3),
+        ("gps", "assumed", ("T_BS",)),
+    ],
+)
+@pytest.mark.parametrize("changed", [0, 1])
+def test_what_any_of_the_flights_states_worse_holds_for_all(two, series, field, value, changed):
+    flights = [with_gps(flight) for flight in two]
+    limits = {"max_range_m": 6.0, "min_range_m": 0.25, "scale_std": 0.05}
+    flights = [of_series(sonar=limits)(flight) for flight in flights]
+    flights[changed] = of_series(**{series: {field: value}})(flights[changed])
+    assert getattr(getattr(join_flights(flights), series), field) == value
+
+
+def test_each_range_counts_within_the_limits_of_its_own_sonar(two):
+    a, b = (replace(f, sonar=replace(f.sonar, range_m=np.full(len(f.sonar.stamps_s), 7.0))) for f in two)
+    joint = join_flights(
+        [of_series(sonar={"max_range_m": 6.0})(a), of_series(sonar={"max_range_m": 50.0})(b)]
+    )
+    first = len(a.sonar.stamps_s)
+    np.testing.assert_array_equal(joint.sonar.range_m[:first], np.nan)
+    np.testing.assert_array_equal(joint.sonar.range_m[first:], 7.0)
+    assert joint.sonar.max_range_m >= 7.0
+
+
+@pytest.mark.parametrize(("series", "folder"), [("sonar", "sonar0"), ("gps", "gps0")])
+def test_instruments_that_are_mounted_in_another_way_are_refused(two, series, folder):
+    a, b = (with_gps(flight) for flight in two)
+    moved = of_series(**{series: {"b_T_s": raised(0.8)}})(b)
+    with pytest.raises(InputError, match=f"second: {folder} mounted in another way than that of small"):
+        join_flights([a, moved])
+    assert join_flights([of_series(**{series: {"b_T_s": raised(0.8)}})(a), moved]) is not None
+
+
+def test_the_antenna_is_where_a_flight_states_it(two):
+    a, b = (with_gps(flight) for flight in two)
+    unknown, known = of_series(gps={"assumed": ("T_BS",)})(a), of_series(gps={"b_T_s": raised(0.8)})(b)
+    joint = join_flights([unknown, known])
+    np.testing.assert_array_equal(joint.gps.b_T_s, raised(0.8))
+    assert joint.gps.antenna_assumed
+
+
+@pytest.mark.parametrize("series", [Sonar, AttitudeSeries, Gps, Truth])
+def test_every_field_of_a_series_has_a_rule(series):
+    assert {f.name for f in fields(series)} <= set(_RULES)
