@@ -72,6 +72,16 @@ def test_source_files_named_without_their_folder_exist(name):
     assert [file for file in sorted(named) if not any(s.endswith(file) for s in SOURCES)] == []
 
 
+@pytest.mark.parametrize("name", [*PROSE, "README.md", "CONTRIBUTING.md"])
+def test_names_that_a_page_finds_in_a_file_are_there(name):
+    text = (ROOT / name).read_text(encoding="utf-8")
+    for places in re.findall(r"((?:`[\w.]+`(?:, | and | or ))*`[\w.]+`) (?:of|in) `([\w/]+\.py)`", text):
+        names, file = re.findall(r"`([\w.]+)`", places[0]), ROOT / places[1]
+        sources = [file] if file.exists() else [s for s in ROOT.glob("[a-z]*/**/*.py") if s.match(places[1])]
+        words = {word for s in sources for word in re.findall(r"\w+", s.read_text(encoding="utf-8"))}
+        assert [n for n in names if n.split(".")[-1] not in words | {s.stem for s in sources}] == [], places
+
+
 @pytest.mark.parametrize("name", PROSE)
 def test_modules_named_by_a_page_exist(name):
     text = (ROOT / name).read_text(encoding="utf-8")

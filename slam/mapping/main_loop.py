@@ -49,7 +49,7 @@ LEAST_LEFT = 0.5
 def map_flight(
     flight: Flight, config: PipelineConfig, progress: Progress, tracked: TrackedPictures | None
 ) -> tuple[Estimate, Observations]:
-    """Return what `slam.mapping.pipeline.optimize_with_observations` does."""
+    """Return the estimate of a flight, and the observations that it was made of."""
     map_large_blocks()
     camera = _camera(flight)
     flight = without_horizon_frames(without_clock_steps(in_radians(without_held_readings(flight))), camera)
