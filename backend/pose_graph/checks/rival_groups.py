@@ -9,12 +9,14 @@ contradicts it is the cheapest cut through the kept edges between the two sides:
 true, all edges of the cut are false. Edges are false for one of two reasons. A row of loops or an edge of
 odometry is false by itself, and lies anywhere. Several rows that agree in a false transform have a common
 cause, and then their number says little: any share of the rows below a half may be false.
+
+Odometry between distant places need not break at one step: it may bend. So each group is also solved with the
+odometry, without what contradicts it (`rival_maps.py`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,23 +24,20 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from backend import se3
+from backend.pose_graph.checks.improbability import Improbability, Rivals
+from backend.pose_graph.checks.rival_maps import rival_maps
 from backend.pose_graph.checks.solved_parts import posterior_samples, solved_parts
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.agreement import MAX_HYPOTHESES, log_odds
+from backend.pose_graph.selection.agreement import MAX_HYPOTHESES
 from backend.pose_graph.selection.chains import Chain, Joining
-from backend.pose_graph.selection.evidence import log_unit_volumes, odometry_log_odds
-from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
-from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale
+from backend.pose_graph.selection.prediction import noise_scale
 from backend.pose_graph.selection.rival_loops import LEAST_LOG_ODDS, described
 from backend.pose_graph.solution import Solution
-from backend.quantiles import binomial_tail
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
-_COMMON_CAUSE = -float(np.log(SIGNIFICANCE))
-"""Improbability (nats) that a floor repeats, so that rows of loops are false together."""
 _MOST_PREDICTIONS = 300_000
 """Predictions of a rejected edge by another one that are computed: some seconds."""
 _MOST_GROUPS = 20
@@ -46,19 +45,6 @@ _MOST_GROUPS = 20
 _UNITS = 1000.0
 """Integers per nat in the computation of a minimum cut."""
 _EVERYTHING = 2**30
-
-
-@dataclass(frozen=True)
-class Rivals:
-    """A group of rejected edges, and the kept edges of which one side must be false if the other is true."""
-
-    rejected: Index
-    against: Index
-    log_odds: float
-    """Log odds (nats) of the kept edges against the rejected ones."""
-    length: float
-    """Distance by which the poses behind the edges would move, in the unit of the graph."""
-    degrees: float
 
 
 def rival_groups(problem: Problem, solution: Solution) -> list[str]:
@@ -77,63 +63,16 @@ def doubtful_rivals(problem: Problem, kept: Mask, w_T: Array) -> Rivals | None:
     samples = posterior_samples(problem, kept, w_T) if len(rejected) and kept.any() else None
     if samples is None:
         return None
-    worth = _Worth(problem, kept, w_T)
+    worth = Improbability(problem, kept, w_T)
     groups = _groups(problem, rejected, w_T, samples, worth)
     found = [_contradicted(problem, group, w_T, worth) for group in groups]
+    found += rival_maps(worth, found)
     worst = min(found, key=lambda each: each.log_odds, default=None)
     return worst if worst is not None and worst.log_odds < LEAST_LOG_ODDS else None
 
 
-@dataclass(frozen=True)
-class _Worth:
-    """Improbability (nats) that edges which agree in one transform are false."""
-
-    problem: Problem
-    kept: Mask
-    w_T: Array
-
-    @cached_property
-    def row(self) -> Index:
-        """(m,) label of each row of loops between two places; each edge of odometry has its own."""
-        p, loops = self.problem, np.flatnonzero(~self.problem.trusted)
-        row = np.arange(len(p.i)) + len(p.i)
-        row[loops] = place_pairs(p.i[loops], p.j[loops], ROW_LENGTH)
-        return row
-
-    @cached_property
-    def of_edge(self) -> Array:
-        """(m,) improbability of an edge that is false by itself."""
-        loops = ~self.problem.trusted
-        prior = np.where(loops, log_odds(self.kept, loops), odometry_log_odds(loops))
-        scale = noise_scale(self.problem, self.kept, self.w_T)
-        volumes = log_unit_volumes(self.problem, self.w_T) - self.problem.dof * np.log(scale)
-        return np.asarray(np.maximum(volumes + prior, 0.0))
-
-    def rows(self, edges: Index) -> int:
-        """Return the number of rows of the loops among some edges."""
-        return len(np.unique(self.row[edges[~self.problem.trusted[edges]]]))
-
-    def log_odds(self, against: Index, edges: Index) -> float:
-        """Return the log odds (nats) that the edges ``against`` others are true, and those false."""
-        return self._log_false(edges, against) - self._log_false(against, edges)
-
-    def _log_false(self, edges: Index, true: Index) -> float:
-        """Return the log probability that some edges are false while others are ``true``, up to a constant.
-
-        Rows of loops agree by chance, or by a common cause: then each share below a half is as probable.
-        """
-        trusted, (n, n_true) = self.problem.trusted[edges], (self.rows(edges), self.rows(true))
-        odometry = -float(self.of_edge[edges[trusted]].sum())
-        if n == 0:
-            return odometry
-        own = float(self.of_edge[edges[~trusted]].max())
-        chance = -(n - 1) * max(own - float(np.log(self.rows(np.arange(len(self.kept))))), 0.0)
-        share = binomial_tail(n + 1, n + n_true + 1, 0.5)
-        return odometry - own + float(np.logaddexp(chance, np.log(share) - _COMMON_CAUSE))
-
-
 def _groups(
-    problem: Problem, rejected: Index, w_T: Array, samples: Array, worth: _Worth
+    problem: Problem, rejected: Index, w_T: Array, samples: Array, worth: Improbability
 ) -> list[tuple[int, Index]]:
     """Return one of the edges, and all edges, of the groups of most rows that agree in one transform."""
     state, own = _two_copies(problem, rejected, w_T, samples, noise_scale(problem, worth.kept, w_T))
@@ -180,7 +119,7 @@ def _two_copies(
     return Joining(copies, frames), np.arange(len(edges))
 
 
-def _over_one_step(problem: Problem, group: Index, worth: _Worth) -> Index:
+def _over_one_step(problem: Problem, group: Index, worth: Improbability) -> Index:
     """Return the edges of a group over the step of the path that most rows span.
 
     Their earlier ends then lie on one side, and their later ends on the other.
@@ -193,7 +132,7 @@ def _over_one_step(problem: Problem, group: Index, worth: _Worth) -> Index:
     return np.asarray(group[over[best]])
 
 
-def _contradicted(problem: Problem, group: tuple[int, Index], w_T: Array, worth: _Worth) -> Rivals:
+def _contradicted(problem: Problem, group: tuple[int, Index], w_T: Array, worth: Improbability) -> Rivals:
     """Return a group with the cheapest kept edges that must be false if it is true."""
     edge, edges = group
     low, high = np.minimum(problem.i, problem.j), np.maximum(problem.i, problem.j)

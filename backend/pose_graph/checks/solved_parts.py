@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, Options
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.prediction import sample_posterior
 from backend.pose_graph.solution import Solution
@@ -24,13 +25,14 @@ def solved_parts(problem: Problem, solution: Solution, edges: Mask) -> Iterator[
         yield problem.with_edges(inside).restricted(members), solution.w_T_b[members], inside
 
 
-def posterior_samples(part: Problem, kept: Mask, w_T: Array) -> Array | None:
-    """Draw (n, d, s) samples of a part's poses by its ``kept`` edges (m,); None if the system is singular.
-
-    The first pose is held where no unary factor places the part.
-    """
-    graph = part.with_edges(kept).edge_factors()
-    graph.push_back(part.unary_factor_graph())
+def gauge_fixed_part(part: Problem, w_T: Array) -> GaugeFixedProblem:
+    """Fix the gauge of a part: its first pose is held where no unary factor places it."""
+    priors = part.unary_factor_graph()
     if not part.unary_factors:
-        graph.push_back(fixed(0, w_T[0], part.dimension).factor)
-    return sample_posterior(graph, part.values(w_T), part.dof)
+        priors.push_back(fixed(0, w_T[0], part.dimension).factor)
+    return GaugeFixedProblem(part, priors, Options())
+
+
+def posterior_samples(part: Problem, kept: Mask, w_T: Array) -> Array | None:
+    """Draw (n, d, s) samples of a part's poses by its ``kept`` edges (m,); None if the system is singular."""
+    return sample_posterior(gauge_fixed_part(part, w_T).graph(kept), part.values(w_T), part.dof)

@@ -1,0 +1,71 @@
+"""A path flown twice, some of whose loops are false by one common transform: a wrong map is never ``ok``."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from backend import se3
+from backend.pose_graph.graph import PoseGraph
+from backend.pose_graph.solve import solve_pose_graph
+
+COUNT = 60
+STD = np.array([0.05, 0.05, 0.01])
+
+
+def eight_twice() -> np.ndarray:
+    """Poses (n, 4, 4) of a figure eight, 20 m long, that is flown twice."""
+    t = np.linspace(0, 4 * np.pi, COUNT)
+    xy = np.column_stack([10 * np.sin(t), 5 * np.sin(2 * t)])
+    step = np.gradient(xy, axis=0)
+    return se3.from_planar(np.column_stack([xy, np.arctan2(step[:, 1], step[:, 0])]))
+
+
+def with_false_loops(
+    false: np.ndarray, moved: np.ndarray, seed: int, count: int = 20
+) -> tuple[PoseGraph, np.ndarray]:
+    """The graph of the two laps, and which edges (m,) are false: those loops lead to a moved copy."""
+    rng, w_T = np.random.default_rng(seed), eight_twice()
+    first = rng.permutation(COUNT // 2)[:count]
+    loops = np.column_stack([first, np.minimum(first + 29 + rng.integers(0, 2, count), COUNT - 1)])
+    steps = np.column_stack([np.arange(COUNT - 1), np.arange(1, COUNT)])
+    i, j = np.concatenate([steps, loops]).T
+    is_false = np.concatenate([np.zeros(len(steps), dtype=bool), false])
+    ends = w_T[j].copy()
+    ends[is_false] = moved @ ends[is_false]
+    ij_T = se3.inverse(w_T[i]) @ ends @ se3.from_planar(rng.normal(size=(len(i), 3)) * STD)
+    graph = PoseGraph(
+        dimension=2,
+        ids=np.arange(COUNT),
+        poses=np.full((COUNT, 4, 4), np.nan),
+        i=i,
+        j=j,
+        ij_T=ij_T,
+        information=np.tile(np.diag(STD**-2.0), (len(i), 1, 1)),
+        fixed=np.zeros(COUNT, dtype=bool),
+    )
+    return graph, is_false
+
+
+def shift(length: float) -> np.ndarray:
+    return se3.from_planar(np.array([[length, 0.0, 0.0]]))[0]
+
+
+@pytest.mark.parametrize(("false", "seed"), [(6, 2), (8, 3), (12, 2)])
+def test_a_map_of_false_loops_is_not_ok(false: int, seed: int) -> None:
+    graph, is_false = with_false_loops(np.arange(20) < false, shift(1.0), seed)
+    solution = solve_pose_graph(graph, covariances=False)
+    assert solution.status != "ok" or not (solution.edge_kept & is_false).any()
+
+
+def test_both_sides_and_the_next_step_are_named() -> None:
+    graph, _ = with_false_loops(np.arange(20) < 12, shift(1.0), 0)
+    solution = solve_pose_graph(graph, covariances=False)
+    assert "agree with each other and contradict" in solution.status
+    assert "check which of the two are true" in solution.status
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_true_loops_have_no_second_map(seed: int) -> None:
+    graph, _ = with_false_loops(np.zeros(20, dtype=bool), shift(1.0), seed)
+    assert solve_pose_graph(graph, covariances=False).status == "ok"
