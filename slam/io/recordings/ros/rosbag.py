@@ -301,7 +301,7 @@ def _pictures(bag: OpenBag, topic: str, series: TopicSeries) -> tuple[PictureCha
     fetch = BagPictures(bag, connections, np.array(series.recorded_ns, dtype=np.int64))
     pictures = PictureChannel(
         stamps_ns=np.array(series.stamps_ns, dtype=np.int64),
-        names=tuple(f"{stamp}{suffix}" for stamp in series.stamps_ns),
+        names=series.picture_names(suffix),
         fetch=fetch,
         camera=camera,
         notes=(*series.notes(), *notes, *fetch.notes),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from array import array
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,6 +27,8 @@ class TopicSeries:
     stamps_ns: array[int] = field(default_factory=lambda: array("q"))
     recorded_ns: array[int] = field(default_factory=lambda: array("q"))
     rows: array[float] = field(default_factory=lambda: array("d"))
+    checksums: array[int] = field(default_factory=lambda: array("q"))
+    """CRC-32 of the content of each picture; empty for other topics."""
     first: Message = None
     without_stamp: int = 0
     has_header: bool = True
@@ -47,11 +50,26 @@ class TopicSeries:
         self.recorded_ns.append(recorded_ns)
         if self.rule is not None:
             self.rows.extend(self.rule.row(message))
+        else:
+            self.checksums.append(zlib.crc32(np.ascontiguousarray(message.data)))
 
     def table(self) -> tuple[NDArray[np.int64], Array]:
         """Return stamps (n,) and rows (n, c)."""
         stamps_ns = np.array(self.stamps_ns, dtype=np.int64)
         return stamps_ns, np.array(self.rows).reshape(len(stamps_ns), -1)
+
+    def picture_names(self, suffix: str) -> tuple[str, ...]:
+        """Return a name for each picture, from its stamp; only pictures of equal stamp and content share one.
+
+        The clock of a header may step back, so that different pictures have one stamp.
+        """
+        contents: dict[int, dict[int, int]] = {}
+        names = []
+        for stamp_ns, checksum in zip(self.stamps_ns, self.checksums, strict=True):
+            known = contents.setdefault(stamp_ns, {})
+            number = known.setdefault(checksum, len(known))
+            names.append(f"{stamp_ns}_{number}{suffix}" if number else f"{stamp_ns}{suffix}")
+        return tuple(names)
 
     def notes(self) -> list[str]:
         """Return a line where stamps are those of the recorder."""

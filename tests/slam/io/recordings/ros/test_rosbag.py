@@ -33,7 +33,7 @@ from tests.slam.io.recordings.ros.made_bag import (
 
 SAMPLES = Path(os.environ.get("SLAM_DATA", "")) / "recordings"
 measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA is not set")
-M = Maker(ROS1)
+M, M2 = Maker(ROS1), Maker(ROS2)
 
 
 def read(path: Path, **topics: str):
@@ -228,6 +228,39 @@ def test_headers_on_another_clock_are_moved_onto_that_of_the_recorder(tmp_path):
     flight = read(ros1(tmp_path / "a.bag", messages))
     assert flight.frames.stamps_s - flight.imu.stamps_s == pytest.approx(0.0021, abs=1e-6)
     assert any("cam0: the clock of its headers" in line for line in flight.warnings)
+
+
+def a_flight_with(stamps_ns, pictures) -> list[tuple]:
+    """Messages of a camera and a range sensor, recorded each 10 ms, with chosen stamps and pictures."""
+    messages = []
+    for k, (stamp_ns, number) in enumerate(zip(stamps_ns, pictures, strict=True)):
+        header = M2.header(stamp_ns, "cam")
+        messages += [
+            ("/cam/image_raw", at(k), M2.image(header, picture(number), "bgr8")),
+            ("/cam/camera_info", at(k), M2.info(header, 5.0)),
+            ("/range", at(k), M2.range(M2.header(stamp_ns, "sonar"), 1.5 + 0.01 * k)),
+        ]
+    return messages
+
+
+def test_where_the_clock_steps_back_no_picture_is_lost_and_all_streams_are_moved_alike(tmp_path):
+    """Pictures before and after the step have the same stamps, but show something else."""
+    numbers = np.arange(60)
+    stamps_ns = [at(int(k)) - 200_000_000 * bool(k >= 40) for k in numbers]
+    flight = read(write(tmp_path / "bag", M2, a_flight_with(stamps_ns, numbers)))
+    assert [int(flight.frames[k].read()[0, 0, 0]) for k in range(len(flight.frames))] == numbers.tolist()
+    assert flight.frames.stamps_s == pytest.approx(0.01 * numbers)
+    assert flight.sonar.stamps_s == pytest.approx(0.01 * numbers)
+    assert len(set(flight.frames.names)) == 60
+    assert not any("repeated" in line for line in flight.warnings)
+
+
+def test_a_picture_that_was_recorded_twice_is_kept_once(tmp_path):
+    numbers = np.r_[0:30, 10:15, 30:40]
+    messages = [m for m in a_flight_with([at(int(k)) for k in numbers], numbers) if m[0] != "/range"]
+    flight = read(write(tmp_path / "bag", M2, messages))
+    assert [int(flight.frames[k].read()[0, 0, 0]) for k in range(len(flight.frames))] == list(range(40))
+    assert any("cam0: 5 repeated rows dropped" in line for line in flight.warnings)
 
 
 @pytest.mark.parametrize(
