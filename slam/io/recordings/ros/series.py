@@ -51,7 +51,7 @@ class TopicSeries:
         if self.rule is not None:
             self.rows.extend(self.rule.row(message))
         else:
-            self.checksums.append(zlib.crc32(np.ascontiguousarray(message.data)))
+            self.checksums.append(zlib.crc32(bytes(message.data)))
 
     def table(self) -> tuple[NDArray[np.int64], Array]:
         """Return stamps (n,) and rows (n, c)."""
