@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
 import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +31,7 @@ from slam.mapping.live.graph import LiveGraph, LiveLink
 from slam.mapping.live.loops import LiveLoops
 from slam.mapping.live.recording import LiveRecording
 from slam.mapping.live.rehearsal import rehearse
+from slam.mapping.live.worker import Worker
 from slam.mapping.pipeline import optimize_with_observations
 
 Array = NDArray[np.float64]
@@ -106,9 +109,10 @@ class LiveMapper:
         self._waiting: deque[_Arrived] = deque()
         self._ended = False
         self._errors: list[BaseException] = []
-        self._mapping = ThreadPoolExecutor(1, "live map")
-        self._tracking = ThreadPoolExecutor(1, "live tracking")
-        self._tracking.submit(self._track).add_done_callback(self._note_error)
+        self._mapping = Worker("live map", self._note_error)
+        self._tracking = Worker("live tracking", self._note_error)
+        self._tracking.submit(self._track)
+        atexit.register(self._abandon)
 
     def add(
         self,
@@ -211,8 +215,15 @@ class LiveMapper:
         with self._arrival:
             self._ended = True
             self._arrival.notify_all()
-        self._tracking.shutdown()
-        self._mapping.shutdown()
+        self._tracking.close()
+        self._mapping.close()
+        atexit.unregister(self._abandon)
+
+    def _abandon(self) -> None:
+        """End the threads of a program that ends without `close`; pictures that wait are left out."""
+        with self._arrival:
+            self._waiting.clear()
+        self.close()
 
     def __enter__(self) -> LiveMapper:
         return self
@@ -225,18 +236,16 @@ class LiveMapper:
         if self._errors:
             raise self._errors[0]
 
-    def _note_error(self, job: Future[None]) -> None:
+    def _note_error(self, error: BaseException) -> None:
         """Keep the error of a thread for the caller's, and let that one wait no longer."""
-        error = job.exception()
-        if error is not None:
-            with self._arrival:
-                self._errors.append(error)
-                self._arrival.notify_all()
+        with self._arrival:
+            self._errors.append(error)
+            self._arrival.notify_all()
 
     def _track(self) -> None:
         for keyframe in self._tracked.tracker.keyframes(self._images()):
             self._tracked.add(keyframe)
-            self._mapping.submit(self._map, keyframe).add_done_callback(self._note_error)
+            self._mapping.submit(partial(self._map, keyframe))
 
     def _images(self) -> Iterator[Image | None]:
         """Yield every picture, None for those that were dropped; wait for the next one."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from dataclasses import replace
 
@@ -232,3 +234,19 @@ def test_an_error_of_a_thread_reaches_the_caller(flight, monkeypatch, part):
         mapper.add(flight.frames.load(0), 0.0, wait=True)
         with pytest.raises(OSError, match="No space left"):
             mapper.finish()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pictures", [0, 8])
+def test_a_program_that_fails_before_close_ends(pictures):
+    program = f"""
+import numpy as np, slam
+from frontend.camera import Camera
+mapper = slam.LiveMapper(slam.Flight("live", camera=Camera((300.0, 300.0), (160.0, 120.0), (320, 240))))
+for k in range({pictures}):
+    mapper.add(np.random.default_rng(k).integers(0, 255, (240, 320), dtype=np.uint8), k / 10)
+raise SystemExit("an error of the user")
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100)
+    assert ended.returncode == 1
+    assert ended.stderr.strip() == "an error of the user"
