@@ -5,6 +5,8 @@ Source: Forster et al. 2017 (T-RO 33), equation 33, for the integrals.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -12,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from backend.quaternions import inverse, product, rotation_vectors
 
 Array = NDArray[np.float64]
+Number = TypeVar("Number", np.float64, np.complex128)
 
 _GAP_STEPS = 3.0
 """Longest step between two readings that is no gap, in typical steps."""
@@ -63,7 +66,7 @@ def interpolate_attitudes(at_s: Array, w_R_b: Array, imu_s: Array, gyro_rad_s: A
     return np.asarray(Rotation.from_quat(found).as_matrix())
 
 
-def integrate(stamps_s: Array, values: Array) -> Array:
+def integrate(stamps_s: Array, values: NDArray[Number]) -> NDArray[Number]:
     """Integrate readings (k, ...) at times (k,) from the first one on, by the trapezoidal rule: (k, ...)."""
     dt = np.diff(stamps_s).reshape(-1, *[1] * (values.ndim - 1))
     steps = 0.5 * (values[1:] + values[:-1]) * dt

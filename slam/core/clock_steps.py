@@ -63,16 +63,21 @@ def clock_step_left(flight: Flight) -> str:
 
 def steps_left_warning(folder: str, other: str, clock: PictureClock) -> str:
     """Describe steps of a stream's clock against that of another one that are not corrected."""
+    return (
+        f"the clock of {folder} steps against that of {other} by {step_sizes(clock)}, which is not "
+        f"corrected: the readings of one of them are taken at wrong times; check the stamps of both"
+    )
+
+
+def step_sizes(clock: PictureClock) -> str:
+    """Describe where and by how much a clock steps, at most the first three times."""
     steps = [
         f"{with_error(after.delay_s - before.delay_s, np.hypot(after.std_s, before.std_s), '+')} s at "
         f"{after.begin_s:.2f} s"
         for before, after in zip(clock.pieces, clock.pieces[1:], strict=False)
     ]
     more = f" and {len(steps) - 3} times more" if len(steps) > 3 else ""
-    return (
-        f"the clock of {folder} steps against that of {other} by {', '.join(steps[:3])}{more}, which is not "
-        f"corrected: the readings of one of them are taken at wrong times; check the stamps of both"
-    )
+    return f"{', '.join(steps[:3])}{more}"
 
 
 def attitude_clock(flight: Flight) -> PictureClock | None:

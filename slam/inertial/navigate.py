@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.ekf import records as status
+from backend.preintegration.integrals import integrate
 from slam.core.arguments import check_flight
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
@@ -158,7 +159,7 @@ def dead_reckoning(flight: Flight, w_T_b: Array, at_s: Array) -> Array:
         return np.asarray(np.interp(t, attitude.stamps_s[with_yaw], yaw_rad))
 
     along = (v[:, 0] + 1j * v[:, 1]) * np.exp(1j * yaw_at(stamps_s))
-    path = np.concatenate([[0.0], np.cumsum((along[1:] + along[:-1]) / 2 * np.diff(stamps_s))])
+    path = integrate(stamps_s, along)
     position = np.interp(at_s, stamps_s, path.real) + 1j * np.interp(at_s, stamps_s, path.imag)
     poses = w_T_b.copy()
     poses[:, 0, 3] = w_T_b[0, 0, 3] + position.real - position.real[0]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import ReportedMotion
-from backend.preintegration.integrals import covered
+from backend.preintegration.integrals import covered, integrate
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def integrate_reported(motion: ReportedMotion, stamps_s: Array) -> tuple[Reporte
     heading = np.exp(1j * np.interp(times_s, motion.yaw_stamps_s, motion.yaw_rad))
     read = forward + 1j * left
     velocity = read * heading
-    place, moment, turned = (_summed(times_s, y) for y in (velocity, velocity * times_s, heading))
+    place, moment, turned = (integrate(times_s, y) for y in (velocity, velocity * times_s, heading))
     at = np.searchsorted(times_s, stamps_s)
     late = _effect_of_lag(times_s, read, heading)
     yaw = np.interp(stamps_s, motion.yaw_stamps_s, motion.yaw_rad)
@@ -80,7 +80,7 @@ def _effect_of_lag(
     times_s: Array, read: NDArray[np.complex128], heading: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
     """Return the integral (n,) of the changes of the velocity, along the heading of the moment."""
-    place, beside = _summed(times_s, read), []
+    place, beside = integrate(times_s, read), []
     for side in (-_NEAR_S, _NEAR_S):
         at_s = np.clip(times_s + side, times_s[0], times_s[-1])
         beside.append(
@@ -89,8 +89,3 @@ def _effect_of_lag(
     (begin_s, begin), (end_s, end) = beside
     mean = (end - begin) / (end_s - begin_s)
     return np.concatenate([[0.0], np.cumsum((heading[1:] + heading[:-1]) / 2 * np.diff(mean))])
-
-
-def _summed(times_s: Array, y: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the integral (n,) from the first time by the trapezoid rule."""
-    return np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2 * np.diff(times_s))])

@@ -88,8 +88,8 @@ def refusal_of_antenna(bundle: Bundle) -> str:
         )
     if (np.abs(off) > FARTHEST * prior).any():
         return (
-            f"it would be {off[0]:+.2f} m forward and {off[1]:+.2f} m left of where it is told, which is "
-            "beside most vehicles and may have another cause, such as a delay; if it is there, state it in "
+            f"it would be {off[0]:+.2f} m forward and {off[1]:+.2f} m left of its stated place, which is "
+            "outside most vehicles and may have another cause, such as a delay; if it is there, state it in "
             "T_BS of gps0/sensor.yaml"
         )
     return ""

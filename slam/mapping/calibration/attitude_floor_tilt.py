@@ -120,7 +120,7 @@ def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> str:
     return (
         f"attitude0 is tilted by {np.degrees(size):.1f}° against the floor seen in the pictures{where}: "
         f"{cause}; roll and pitch are trusted only as far as they agree with the map; the map assumes level "
-        "ground: lengths along it hold, but if it slopes, heights across it may be wrong; check what "
+        "ground: horizontal distances stay right, but if it slopes, heights may be wrong; check what "
         "attitude0 reads with the vehicle level: if roll and pitch are not 0 there, calibrate its level, "
         "else compare T_BS in cam0/sensor.yaml with how the camera is mounted, and until then measure "
         "heights on the ground yourself"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from backend import se3
 from backend.clocks.picture_clock import ClockPiece, PictureClock
 from backend.clocks.windows import ClockDisagreement
+from slam.core.clock_steps import step_sizes
 from slam.core.instrument_errors import ClockErrors, ClockSpan
 from slam.core.messages import Note
 from slam.core.units import with_error
@@ -162,11 +163,4 @@ def _offset(piece: ClockPiece) -> str:
 
 
 def _steps(clock: PictureClock) -> str:
-    """Describe where and by how much the clock steps, at most the first three times."""
-    steps = [
-        f"{with_error(after.delay_s - before.delay_s, np.hypot(after.std_s, before.std_s), '+')} s at "
-        f"{after.begin_s:.2f} s"
-        for before, after in zip(clock.pieces, clock.pieces[1:], strict=False)
-    ]
-    more = f" and {len(steps) - 3} times more" if len(steps) > 3 else ""
-    return f"the clock of cam0 steps against imu0 by {', '.join(steps[:3])}{more}"
+    return f"the clock of cam0 steps against imu0 by {step_sizes(clock)}"

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.preintegration.integrals import integrate
 from frontend.camera import Camera
 from frontend.features import Features
 from frontend.motions import Expectation
@@ -82,8 +83,7 @@ def turning(imu: Imu | None, camera: Camera) -> Callable[[float, Array], Array]:
     times_s = imu.stamps_s[known]
     c_R_s = camera.b_T_c[:3, :3].T @ imu.b_T_s[:3, :3]
     rate = imu.gyro_rad_s[known] @ c_R_s.T
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(times_s)[:, None]
-    angle = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    angle = integrate(times_s, rate)
 
     def turned(at_s: float, since_s: Array) -> Array:
         at = np.concatenate([[at_s], at_s + since_s])

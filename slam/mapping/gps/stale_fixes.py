@@ -60,6 +60,6 @@ def stale_line(names: tuple[str, ...], moved_m: Array) -> str:
     if not too_many(n, len(names)):
         return Note(line)
     return (
-        f"{line}; the receiver stopped, or is slower than the camera: the others alone place the map; check "
+        f"{line}; the receiver stopped, or is slower than the camera: only the others place the map; check "
         "them, or add control points"
     )

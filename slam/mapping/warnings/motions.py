@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import SlantRange
+from backend.preintegration.integrals import integrate
 from slam.core.flight import Flight, Imu
 from slam.core.instrument_readings import MAX_GAP_S
 from slam.core.rotations import roll_pitch_yaw_of
@@ -181,8 +182,8 @@ def _heights_by_acceleration(imu: Imu, at_s: Array, poses: Array) -> Array:
         [np.minimum(ends_s[:1], stamps_s[0]), stamps_s, np.maximum(ends_s[1:], stamps_s[-1])]
     )
     upward = np.pad(upward, 1, mode="edge")
-    speed = _integral(stamps_s, upward[:, None])
-    return _at(stamps_s, _integral(stamps_s, speed), at_s)[:, 0]
+    speed = integrate(stamps_s, upward[:, None])
+    return _at(stamps_s, integrate(stamps_s, speed), at_s)[:, 0]
 
 
 def _second_differences(at_s: Array, height_m: Array) -> Array:
@@ -218,7 +219,7 @@ def _mean(stamps_s: Array, values: Array, begin_s: Array, end_s: Array) -> Array
     stamps_s, values = stamps_s[known], values[known]
     if len(stamps_s) < 2:
         return np.full((len(begin_s), values.shape[1]), np.nan)
-    sums = _integral(stamps_s, values)
+    sums = integrate(stamps_s, values)
     begin, end = (_interpolated(stamps_s, sums, at_s) for at_s in (begin_s, end_s))
     mean = (end - begin) / (end_s - begin_s)[:, None]
     mean[_crosses_gap(stamps_s, begin_s, end_s)] = np.nan
@@ -233,9 +234,3 @@ def _crosses_gap(stamps_s: Array, begin_s: Array, end_s: Array) -> NDArray[np.bo
     gap = np.flatnonzero(lasts_s > 2 * far_s)
     lost_from_s, lost_to_s = stamps_s[gap] + far_s, stamps_s[gap + 1] - far_s
     return np.asarray(((begin_s[:, None] < lost_to_s) & (end_s[:, None] > lost_from_s)).any(axis=1))
-
-
-def _integral(stamps_s: Array, values: Array) -> Array:
-    """Return (n, c) the integral of readings (n, c) from the first on, by trapezoids."""
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(stamps_s)[:, None]
-    return np.vstack([np.zeros(values.shape[1]), np.cumsum(steps, axis=0)])

@@ -40,8 +40,8 @@ def slope_by_attitude_warning(map_: Map) -> str:
     if size < SURE * std or size > SURE * by_positions:
         return ""
     return (
-        f"the ground of the map slopes by {np.degrees(size):.1f}° because attitude0 leans so against "
-        f"the floor in the pictures; positions alone tell it to ± {np.degrees(by_positions):.1g}° "
+        f"the ground of the map slopes by {np.degrees(size):.1f}° because attitude0 differs so from "
+        f"the floor in the pictures; positions alone determine it to ± {np.degrees(by_positions):.1g}° "
         "only, so it may also be the camera's mounting (T_BS) or the zero of the attitude: heights across "
         "the map may be wrong by as much; check the mounting with the vehicle level, or fly over more ground"
     )

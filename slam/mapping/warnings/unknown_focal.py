@@ -28,7 +28,7 @@ def unknown_focal_warning(flight: Flight, map_: Map) -> str:
             return ""
         found = f"these pictures tell it to {percent(known)} only"
     return (
-        f"nothing tells the focal length, and {found}: heights over the "
+        f"the focal length is not known, and {found}: heights over the "
         "ground are doubted, and lengths too where a height sensor gives them; copy the originals with "
         "their tags, or write the calibrated focal length into cam0/sensor.yaml"
     )
