@@ -18,11 +18,13 @@ from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.judge import judge
 from slam.criticism.verdict.sentence import unusable
 from slam.criticism.without_commands.explanation import explain_comparisons
-from slam.data_quality import without_dead_streams, without_frozen
+from slam.data_quality import axes_of_all, without_dead_streams, without_frozen
 from slam.data_quality.commands import has_commands
 from slam.simulation.model import Model, load_model
 
 NOTHING_TO_COMPARE = "no command log, and too little of imu and attitude to compare other instruments with"
+NO_LOG, WRONG_AXES = "no command log", "readings of wrong axes, which no motion of the vehicle makes"
+"""Reasons why instruments are compared with each other alone."""
 
 
 def criticise(
@@ -38,9 +40,12 @@ def criticise(
     nominal = model if isinstance(model, Model) else load_model(model)
     flights, repeated = without_duplicates(with_unique_names(flight_tuple(flights)))
     flights = [ranges_at_body(flight) for flight in flights]
-    with_commands = not flights or any(has_commands(flight) for flight in flights)
+    why = NO_LOG if flights and not any(has_commands(flight) for flight in flights) else ""
+    if not why and axes_of_all([without_dead_streams(flight)[0] for flight in flights])[0]:
+        why = WRONG_AXES
     with threadpool_limits(1), show_compilation(progress):
-        found = (_with_commands if with_commands else _without_commands)(flights, nominal, progress)
+        known = flights, nominal, progress
+        found = _by_instruments(*known, why) if why else _with_commands(*known)
     return replace(found, dropped=(*repeated, *found.dropped))
 
 
@@ -54,12 +59,12 @@ def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) 
     return judge(explain(prepared, found, readings, model, progress))
 
 
-def _without_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
-    """Return the verdict on flights without command logs."""
+def _by_instruments(flights: Sequence[Flight], model: Model, progress: Progress, why: str) -> Criticism:
+    """Return the verdict on flights whose instruments alone are compared, for the reason ``why``."""
     clean = [without_dead_streams(flight) for flight in flights]
     dropped = [f"{flight.name}: {reason}" for flight, reasons in clean for reason in reasons]
     kept, readings = without_frozen([flight for flight, _ in clean])
-    compared = explain_comparisons(kept, readings, model, progress)
+    compared = explain_comparisons(kept, readings, model, why, progress)
     if compared is None:
         return unusable([NOTHING_TO_COMPARE, *dropped], dropped)
     criticism = judge(compared)

@@ -11,7 +11,15 @@ from slam.data_quality.anomalies import (
     stream_anomalies,
     without_frozen,
 )
+from slam.data_quality.axes import axes_of_all
 from slam.data_quality.dead_streams import without_dead_streams
 from slam.data_quality.finding import Finding
 
-__all__ = ["Finding", "readings_in_words", "stream_anomalies", "without_dead_streams", "without_frozen"]
+__all__ = [
+    "Finding",
+    "axes_of_all",
+    "readings_in_words",
+    "stream_anomalies",
+    "without_dead_streams",
+    "without_frozen",
+]

@@ -36,6 +36,8 @@ WAYS = {
 }
 INTEGRAL = {"attitude": "gyro", "velocity": "accelerometer", "height": "accelerometer"}
 
+IN_WORLD = "velocity has axes that do not turn with the vehicle, as the accelerometer shows"
+
 
 @dataclass(frozen=True)
 class Assignment:
@@ -44,6 +46,8 @@ class Assignment:
 
     axis: tuple[int, ...]
     sign: tuple[float, ...]
+    in_world: bool = False
+    """Whether the axes of a horizontal reading stay where they are when the vehicle turns."""
 
 
 def wrong_axes(flight: Flight, kinds: Collection[str] = tuple(WAYS)) -> tuple[list[Remark], list[str]]:
@@ -60,8 +64,9 @@ def wrong_axes(flight: Flight, kinds: Collection[str] = tuple(WAYS)) -> tuple[li
         right = Assignment(tuple(range(len(ways))), (1.0,) * len(ways))
         best = max(scores, key=lambda a: scores[a])
         if scores[best] - max(scores[right], 0.0) > CERTAIN_Z:
-            differing = (k for k in range(len(ways)) if _differs(best, k))
-            wrong += [Remark(_words(kind, k, best), channel=kind) for k in differing]
+            words = [_words(kind, k, best) for k in range(len(ways)) if _differs(best, k)]
+            words = [IN_WORLD] if best.in_world else words
+            wrong += [Remark(told, channel=kind) for told in words]
             if kind == "attitude":
                 break  # the other integrals go by the attitude
             continue
@@ -111,7 +116,8 @@ def _scores(seen: IntegralComparison, low_s: Array, count: int) -> dict[Assignme
     scores = {}
     for assignment in _assignments(count):
         read = own[:, list(assignment.axis)] * np.array(assignment.sign)
-        correlation = _correlation(changes(_rotated(read, seen.yaw)), moved)
+        turned = read if assignment.in_world else _rotated(read, seen.yaw)
+        correlation = _correlation(changes(turned), moved)
         scores[assignment] = rows * float(np.sum(np.arctanh(np.clip(correlation, -0.99999, 0.99999))))
     return scores
 
@@ -120,6 +126,8 @@ def _assignments(count: int) -> Iterator[Assignment]:
     for axis in permutations(range(count)):
         for sign in product((1.0, -1.0), repeat=count):
             yield Assignment(axis, sign)
+            if count == 2:
+                yield Assignment(axis, sign, in_world=True)
 
 
 def _rotated(values: Array, yaw: Array) -> Array:

@@ -282,16 +282,17 @@ def contradictions(
 def changing_sizes(
     found: SearchResult, parameters: FilterParameters, names: Container[str]
 ) -> tuple[SizeOverTime, ...]:
-    """Return the sizes over time of causes of some ``names``, and of what looks like one of these."""
+    """Return the sizes over time of causes of some ``names``, and of what looks like one of these. A delay of
+    readings is no term, and has none."""
     known = {effect.name for effect in found.chosen}
     others = {e.name: e for e in reversed(found.last.effects) if e.name in names and e.name not in known}
     chosen = [e.free for e in (*found.chosen, *others.values())]
-    if not any(e.name in names for e in chosen):
+    if not (shown := [e for e in chosen if e.is_term and e.name in names]):
         return ()
     _, parts, _ = _parts_of(found, parameters, chosen)
     step, _ = _most_probable(parts.fisher, _precision(found.model, parts.fisher.columns))
     series: list[SizeOverTime] = []
-    for effect in (e for e in chosen if e.name in names):
+    for effect in shown:
         held = np.array([fitted_parameter(d.name).size_in(parameters) for d in effect.perturbations])
         series += parts.sizes_over_time(effect, step, parameters, held)
     return tuple(series)

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from slam.core.flight import Flight
-from slam.core.progress import Progress, silent
+from slam.core.progress import Progress
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import Cause
 from slam.criticism.extended import with_certainty, with_terms
@@ -46,11 +46,7 @@ STANDS_OUT = (
     "reaches 3.2"
 )
 """``python -m tests.benchmarks.criticism_thresholds 150 9000 --without-commands``."""
-NO_COMMANDS = (
-    "no command log: the inputs of the vehicle are not known; its instruments are compared with each other "
-    "and its motion is not judged"
-)
-NOT_JUDGED = "No command log: the vehicle's motion is not judged."
+NOT_JUDGED = "instruments are compared with each other, and the vehicle's motion is not judged"
 LIMITS = Thresholds(STANDS_OUT_Z, np.inf, STANDS_OUT_Z, np.inf, STANDS_OUT)
 ENTERS_Z = 2.0
 """Least z of an effect that is tried: it may stand out only beside others, whose errors it is not."""
@@ -67,6 +63,8 @@ class ComparedFlights(Evidence):
     sensors: SensorComparison
     rows: list[list[WhitenedRows]]
     """Rows of each flight, linear about the effects that were found."""
+    why: str
+    """Reason why the motion is not judged."""
 
     @cached_property
     def _axes(self) -> tuple[list[Remark], list[str]]:
@@ -144,7 +142,8 @@ class ComparedFlights(Evidence):
             extended=with_certainty(with_terms(self.model, found.causes), found.causes),
             flights=tuple(f.name for f, known in zip(self.flights, self.rows, strict=True) if known),
             noise=tuple(larger_noise(self.flights)), not_shown=self._not_shown(found.detectable),
-            dropped=(*self.sensors.dropped, NO_COMMANDS), limits=NOT_JUDGED,
+            dropped=(*self.sensors.dropped, f"{self.why}: {NOT_JUDGED}"),
+            limits=f"{self.why.capitalize()}: the vehicle's motion is not judged.",
         )  # fmt: skip
 
     def _changes(self) -> tuple[SizeOverTime, ...]:
@@ -177,11 +176,12 @@ class ComparedFlights(Evidence):
 
 
 def explain_comparisons(
-    flights: Sequence[Flight], readings: Sequence[Finding], model: Model, progress: Progress = silent
+    flights: Sequence[Flight], readings: Sequence[Finding], model: Model, why: str, progress: Progress
 ) -> ComparedFlights | None:
     """Return the comparisons and the effects that explain them; None where no two instruments compare.
 
-    Pictures are linear only near the truth, so their rows are computed anew about what was found.
+    Pictures are linear only near the truth, so their rows are computed anew about what was found. ``why``
+    tells why the motion is not judged.
     """
     sensors = SensorComparison.of(flights, model, progress)
     rows = sensors.rows({})
@@ -195,6 +195,7 @@ def explain_comparisons(
     return ComparedFlights(
         found=found, posterior=posterior_of(found), limits=LIMITS, anomalies=sensors.anomalies,
         readings=readings, model=model, progress=progress, flights=flights, sensors=sensors, rows=rows,
+        why=why,
     )  # fmt: skip
 
 
@@ -215,8 +216,7 @@ def _significant(found: SearchResult) -> SearchResult:
     the least significant one first may lose another that explains far more."""
 
     def worth(kept: SearchResult) -> float:
-        cost = sum(map(required_nats, kept.chosen))
-        return found.last.nats(kept.chosen, found.chosen) - cost
+        return found.last.nats(kept.chosen, found.chosen) - sum(map(required_nats, kept.chosen))
 
     every = (s for count in range(len(found.chosen) + 1) for s in combinations(found.chosen, count))
     kept = sorted((replace(found, chosen=s) for s in every), key=worth, reverse=True)

@@ -112,6 +112,8 @@ def fisher_of(
 def likelihood_of(rows: FlightRows, parameters: FilterParameters) -> SearchResult:
     """Return the likelihood of the rows with every effect, before any is chosen."""
     effects = _effects(columns_of(rows))
+    growing = {e: [Perturbation(d.name + IN_TIME, "channel", signal="time") for d in e.perturbations]
+               for e in effects if e.is_term}  # fmt: skip
     (fisher, _), (shifted, _) = fisher_of(rows), fisher_of(rows, before_s=0.5 * SEGMENT_S)
     fisher = replace(fisher, shifted=shifted)
     expansion = LikelihoodExpansion(
@@ -121,9 +123,7 @@ def likelihood_of(rows: FlightRows, parameters: FilterParameters) -> SearchResul
         nuisances=(),
         clustered=True,
         effects=effects,
-        patterns=tuple(
-            Effect(e.name + IN_TIME, tuple(map(_growing, e.perturbations))) for e in effects if e.is_term
-        ),
+        patterns=tuple(Effect(e.name + IN_TIME, tuple(of)) for e, of in growing.items()),
     )
     return SearchResult(model=parameters, first=expansion, last=expansion, chosen=())
 
@@ -143,11 +143,6 @@ def _effects(columns: Sequence[str]) -> tuple[Effect, ...]:
         )
         for name, own in of.items()
     )
-
-
-def _growing(error: Perturbation) -> Perturbation:
-    """Return an error as it grows with time."""
-    return Perturbation(error.name + IN_TIME, "channel", signal="time")
 
 
 PICTURES = "pictures"

@@ -99,9 +99,10 @@ def _sensor(finding: Finding) -> str:
     """Return the sensor, clock or constant of the vehicle that a finding concerns; empty for none."""
     if finding.channel == GAIN:
         return "scaling of the sticks in the autopilot"
-    if finding.effect:
+    if finding.effect in CATALOGUE:
         return CATALOGUE[finding.effect].instrument
-    return _SENSORS.get(re.sub("(_[xyz]| .*)$", "", finding.channel), "")
+    # A delay is no term: its name begins with the stream.
+    return _SENSORS.get(re.sub("(_[xyz]| .*)$", "", finding.channel or finding.effect), "")
 
 
 def concerned(result: Criticism) -> list[str]:

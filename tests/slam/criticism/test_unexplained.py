@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism import criticise
+from slam.criticism import criticise, run
 from slam.criticism.verdict.over_time import _break
-from slam.data_quality.axes import wrong_axes
+from slam.data_quality.axes import IN_WORLD, wrong_axes
+from slam.data_quality.inertial_comparison import into_world
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from tests.benchmarks.injections import KINDS
@@ -40,6 +41,43 @@ def test_chance_hardly_makes_an_onset_and_a_jump_does():
 
 def test_a_tolerance_hides_a_jump_below_it():
     assert _break(*segments(np.random.default_rng(2), 8.0), 8.0)[2] < 1.5
+
+
+def turning_flight():
+    """A flight that turns, and then speeds up either way."""
+    return simulate_flight(SLOWER, stick_for(["yaw steps at 0.3, 0.6 and 1", "reversing forward at 0.2"]), 3)
+
+
+def with_turned_pitch_and_yaw(flight):
+    """With an attitude in another convention than that of the format."""
+    turned = flight.attitude.roll_pitch_yaw_rad * [1.0, -1.0, -1.0]
+    return replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=turned))
+
+
+def test_flights_of_wrong_axes_are_not_searched(monkeypatch):
+    reasons = []
+    monkeypatch.setattr(run, "explain_comparisons", lambda *known: reasons.append(known[3]))
+    criticise([with_turned_pitch_and_yaw(turning_flight())])
+    assert reasons == [run.WRONG_AXES]
+
+
+@pytest.mark.slow
+def test_wrong_axes_of_flights_with_commands_are_told():
+    found = criticise([with_turned_pitch_and_yaw(turning_flight())])
+    assert found.verdict == "unknown"
+    assert "pitch disagrees with the gyro, but agrees with its sign turned over" in found.remainder
+    assert "motion is not judged" in found.limits
+    assert "no command log" not in " ".join(found.dropped)
+
+
+def test_a_velocity_in_axes_of_the_world_is_told():
+    flight = turning_flight()
+    stamps_s, angles = flight.attitude.stamps_s, flight.attitude.roll_pitch_yaw_rad
+    yaw = np.interp(flight.velocity.stamps_s, stamps_s, np.unwrap(angles[:, 2]))
+    in_world = into_world(yaw, flight.velocity.v_m_s)
+    found, _ = wrong_axes(replace(flight, velocity=replace(flight.velocity, v_m_s=in_world)))
+    assert [str(told) for told in found] == [IN_WORLD]
+    assert wrong_axes(flight)[0] == []
 
 
 @pytest.mark.slow

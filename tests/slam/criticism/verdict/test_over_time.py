@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from slam.criticism.finding import Inconsistency
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.fitted_parameters import MEAN_PERTURBATIONS, fitted_parameter
 from slam.criticism.search.information import FisherInformation
-from slam.criticism.verdict.over_time import FEWEST_SIZES, Parts, SizeOverTime, _inconsistency
+from slam.criticism.verdict import over_time
+from slam.criticism.verdict.criticism import Criticism
+from slam.criticism.verdict.over_time import (
+    FEWEST_SIZES,
+    Parts,
+    SizeOverTime,
+    _inconsistency,
+    changing_sizes,
+)
+from slam.report.criticism.findings import concerned
 from slam.simulation.model import load_model
 
 ROWS, PARTS = 6000, 6
@@ -84,3 +95,18 @@ def test_a_size_varies_by_half_of_itself_and_by_more_than_chance(middle, swing, 
     told = replace(found, part_s=10.0).finding()
     assert (told.least, told.most) == pytest.approx((middle - swing, middle + swing))
     assert told.like_attitude_deg == 0.0
+
+
+def test_a_delay_that_changes_is_told_of_its_instrument_and_has_no_sizes_over_time(monkeypatch):
+    """A log of the sticks with late rows makes one: it belongs to no term of the catalogue."""
+    healthy = filter_parameters_of(load_model("nominal"))
+    late = Effect("attitude late", (fitted_parameter("attitude.delay_s").perturbation,))
+    columns = [d.name for d in (*MEAN_PERTURBATIONS, *late.perturbations)]
+    rng = np.random.default_rng(1)
+    rows = rng.normal(size=(40, len(columns))), rng.normal(size=40), np.arange(40) % 8
+    parts = Parts(FisherInformation.of_rows(columns, *rows, np.zeros(8, np.int64)), ["a"], np.arange(8.0))
+    monkeypatch.setattr(over_time, "_parts_of", lambda *_: [parts] * 3)
+    found = SimpleNamespace(chosen=(late,), last=SimpleNamespace(effects=[late]), model=healthy, records=[])
+    assert changing_sizes(found, healthy, {late.name}) == ()
+    changes = Inconsistency("during a flight", 50.0, is_cause=False, effect=late.name, z=9.0)
+    assert concerned(Criticism("unknown", findings=(changes,))) == ["the attitude"]
