@@ -48,6 +48,8 @@ class InertialInterval:
     """(2, 3) body rates at both ends."""
     mean_rate_rad_s: Array
     """(3,)."""
+    noise: InertialNoise
+    """Nominal noise, which the covariances count."""
 
     def covariance(self, gyro_factor: float, accel_factor: float) -> Array:
         """Return the covariance (15, 15) of the error, for noise larger by these factors."""
@@ -101,7 +103,8 @@ def preintegrate(
     integral = integrate(times_s, values)
     at = np.searchsorted(times_s, stamps_s)
     constant = gtsam.imuBias.ConstantBias(bias.accel_m_s2, bias.gyro_rad_s)
-    parts = [_parameters(inertial.noise, accel) for accel in (True, False)]
+    noise = inertial.noise
+    parts = [_parameters(noise, accel) for accel in (True, False)]
     for part in parts if of_body else ():
         part.setBodyPSensor(gtsam.Pose3(gtsam.Rot3(), inertial.b_p_imu_m))
     intervals = []
@@ -110,7 +113,7 @@ def preintegrate(
         steps_s = np.diff(times_s[node])
         means = np.diff(integral[node], axis=0) / steps_s[:, None]
         rates = values[[at[k], at[k + 1]], 3:] - bias.gyro_rad_s
-        intervals.append(_interval(k, means, steps_s, constant, parts, rates))
+        intervals.append(_interval(k, means, steps_s, constant, noise, parts, rates))
     return tuple(intervals)
 
 
@@ -137,6 +140,7 @@ def _interval(
     means: Array,
     steps_s: Array,
     bias: gtsam.imuBias.ConstantBias,
+    noise: InertialNoise,
     parts: list[gtsam.PreintegrationCombinedParams],
     rates: Array,
 ) -> InertialInterval:
@@ -153,6 +157,7 @@ def _interval(
         accel_covariance=by_both.preintMeasCov() - by_gyro.preintMeasCov(),
         rates_rad_s=rates,
         mean_rate_rad_s=steps_s @ means[:, 3:] / steps_s.sum() - bias.gyroscope(),
+        noise=noise,
     )
 
 

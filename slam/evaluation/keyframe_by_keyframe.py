@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
-from backend.measurements import Attitude, InertialNoise, Measurements, RelativePose, SlantRange
+from backend.measurements import Attitude, Measurements, RelativePose, SlantRange
 from backend.pose_graph.incremental.estimation import BUDGET_S, Incremental
 from backend.pose_graph.solve import solve
 from backend.preintegration.intervals import InertialInterval, preintegrate
@@ -111,9 +111,7 @@ class _Replay:
     def __init__(self, measured: Measurements, budget_s: float) -> None:
         inertial = measured.inertial
         intervals = preintegrate(inertial, measured.stamps_s, of_body=True) if inertial is not None else ()
-        self.live = Incremental(
-            budget_s, inertial_noise=inertial.noise if inertial is not None else InertialNoise()
-        )
+        self.live = Incremental(budget_s)
         self.beside: list[list[int]] = [[] for _ in measured.stamps_s]
         """Keyframes to which each has an edge."""
         self._edges: list[list[RelativePose]] = [[] for _ in measured.stamps_s]

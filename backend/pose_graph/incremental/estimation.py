@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from backend.errors import BackendError, first_line
 from backend.measurements import (
     Attitude,
-    InertialNoise,
     Measurements,
     Position,
     RelativePose,
@@ -79,19 +78,12 @@ class Incremental:
     """Estimator for keyframes 0, 1, 2, ...; a gauge prior fixes what the first one does not measure.
 
     ``loops_robust`` allows the rejection of edges if the chi-square test fails, as in `solve`.
-    ``inertial_noise`` has the offsets of an IMU whose readings are given.
     """
 
-    def __init__(
-        self,
-        budget_s: float = BUDGET_S,
-        loops_robust: bool = True,
-        inertial_noise: InertialNoise = InertialNoise(),
-    ) -> None:
+    def __init__(self, budget_s: float = BUDGET_S, loops_robust: bool = True) -> None:
         self.budget_s = budget_s
         self.loops_robust = loops_robust
-        self.inertial_noise = inertial_noise
-        self._flight_noise = FlightNoise(inertial_noise)
+        self._flight_noise = FlightNoise()
         self.count = 0
         self._received = ReceivedMeasurements()
         self._start = gtsam.Values()
@@ -243,7 +235,7 @@ class Incremental:
         factors = self._flight_noise.factors()
         if factors is None:
             return None
-        return MeasuredInterval(replace(inertial, j=self.count), self.inertial_noise, factors)
+        return MeasuredInterval(replace(inertial, j=self.count), factors)
 
     def _predicted(self, anchor: RelativePose, number: int) -> Array:
         if anchor.j == number:

@@ -16,7 +16,7 @@ from gtsam.symbol_shorthand import B as BIAS
 from gtsam.symbol_shorthand import V as VELOCITY
 from numpy.typing import NDArray
 
-from backend.measurements import InertialNoise, RelativePose
+from backend.measurements import RelativePose
 from backend.pose_graph.marginals import posterior
 from backend.preintegration.intervals import POSITION, ROTATION, InertialInterval
 from backend.preintegration.limits import MOST_HEIGHTS
@@ -53,7 +53,6 @@ class MeasuredInterval:
     """An interval, and its noise in flight."""
 
     interval: InertialInterval
-    nominal: InertialNoise
     factors: tuple[float, float]
     """On the nominal noise of gyro and accelerometer."""
 
@@ -110,7 +109,7 @@ def inertial_link(readings: MeasuredInterval, isam: gtsam.ISAM2, w_T_j: Array | 
     ``w_T_j`` (4, 4) is the pose of the other one by the pictures; without it the readings predict it, which
     takes the velocity of the first one.
     """
-    noise, i, j = readings.nominal, readings.interval.i, readings.interval.j
+    noise, i, j = readings.interval.noise, readings.interval.i, readings.interval.j
     integrated = readings.interval.factor.preintegratedMeasurements()
     begin, lasts_s = isam.calculateEstimatePose3(i), integrated.deltaTij()
     values, factors = gtsam.Values(), gtsam.NonlinearFactorGraph()
@@ -148,7 +147,7 @@ def turns_agree(readings: MeasuredInterval, i_R_j: Array, rotation_covariance: A
     """
     integrated = readings.interval.factor.preintegratedMeasurements()
     off_rad = integrated.deltaRij().localCoordinates(gtsam.Rot3(i_R_j))
-    by_bias = (readings.nominal.gyro_offset_rad_s * integrated.deltaTij()) ** 2 * np.eye(3)
+    by_bias = (readings.interval.noise.gyro_offset_rad_s * integrated.deltaTij()) ** 2 * np.eye(3)
     covariance = readings.covariance[ROTATION, ROTATION] + by_bias + rotation_covariance
     return bool(off_rad @ np.linalg.solve(covariance, off_rad) < chi_square_limit(_FALSE_ALARM, 3))
 

@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements import GRAVITY_M_S2, InertialNoise, RelativePose
+from backend.measurements import GRAVITY_M_S2, RelativePose
 from backend.preintegration.intervals import ROTATION, InertialInterval
 from backend.preintegration.limits import MOST_SIGMAS
 from backend.quantiles import chi_square_quantile
@@ -26,8 +26,7 @@ _LEAST = 10
 class FlightNoise:
     """Residuals of the readings so far, and the noise that they show."""
 
-    def __init__(self, nominal: InertialNoise) -> None:
-        self._nominal = nominal
+    def __init__(self) -> None:
         self._turns: list[tuple[float, float, Array, float]] = []
         self._moves: list[tuple[float, float, Array, float]] = []
         self._last: tuple[InertialInterval, RelativePose] | None = None
@@ -65,7 +64,7 @@ class FlightNoise:
         velocity = (edge_before.i_T_j[:3, 3] - gravity * a_s**2 / 2 - first.deltaPij()) / a_s
         velocity = velocity + gravity * a_s + first.deltaVij()
         predicted = velocity * b_s + gravity * b_s**2 / 2 + i_R_j @ second.deltaPij()
-        noise = self._nominal.accel_density**2 * b_s**2 * (a_s + b_s)
+        noise = interval.noise.accel_density**2 * b_s**2 * (a_s + b_s)
         ratio = (b_s / a_s) ** 2
         by_pictures = np.trace(edge.covariance[3:, 3:]) + ratio * np.trace(edge_before.covariance[3:, 3:])
         residual = i_R_j @ edge.i_T_j[:3, 3] - predicted
@@ -77,9 +76,9 @@ class FlightNoise:
         None if it is too early to tell, or if their noise, averaged over a second, is larger than an offset
         could be: then the readings are wrong.
         """
-        if min(len(self._turns), len(self._moves)) < _LEAST:
+        if self._last is None or min(len(self._turns), len(self._moves)) < _LEAST:
             return None
-        gyro, accel, nominal = _factor(self._turns), _factor(self._moves), self._nominal
+        gyro, accel, nominal = _factor(self._turns), _factor(self._moves), self._last[0].noise
         is_right = gyro * nominal.gyro_density < MOST_SIGMAS * nominal.gyro_offset_rad_s
         is_right &= accel * nominal.accel_density < MOST_SIGMAS * nominal.accel_offset_m_s2
         return (gyro, accel) if is_right else None

@@ -92,8 +92,6 @@ class LiveGraph:
         self._readings.append(readings)
         self._waiting += registrations
         if k == 0:
-            if inertial is not None:
-                self._solver = Incremental(inertial_noise=inertial.noise)
             self._place(0, [])
         elif inertial is not None and self._metric:
             stamps_s = np.array([begin_s, *readings.stamps_s])

@@ -60,7 +60,7 @@ class Flown:
 
     def replayed(self, with_imu: bool = True, **options) -> Incremental:
         """Add all keyframes."""
-        live = Incremental(inertial_noise=NOISE, **options)
+        live = Incremental(**options)
         for k in range(len(self.truth)):
             edges = tuple(e for e in self.edges if max(e.i, e.j) == k)
             inertial = self.intervals.get(k) if with_imu else None
@@ -141,7 +141,7 @@ def test_readings_bridge_a_gap_between_pictures():
 
 @pytest.mark.parametrize("vibration", [1.0, 5.0])
 def test_the_noise_in_flight_is_found_from_the_pictures_before(vibration: float):
-    made, noise = flown(3, vibration=vibration), FlightNoise(NOISE)
+    made, noise = flown(3, vibration=vibration), FlightNoise()
     assert noise.factors() is None
     for edge in made.edges:
         noise.add(made.intervals[edge.j], edge, made.truth[edge.i, :3, :3])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,10 +77,11 @@ def test_a_loop_between_placed_keyframes_corrects_the_chain(camera):
     np.testing.assert_allclose(graph.pose(4)[:3, 3], pose(4)[:3, 3], atol=1e-3)
 
 
-def gap_flown(camera, has_range: bool = True, lag_s: float = 0.0):
+def gap_flown(camera, has_range: bool = True, lag_s: float = 0.0, stated: float = 1.0):
     """Return the live graph and the true poses of a flight that sees nothing for 1.5 s.
 
-    Readings end ``lag_s`` before each picture.
+    Readings end ``lag_s`` before each picture. As from a camera that starts with the IMU, there are none
+    before the first. The stated noise of the accelerometer is ``stated`` times the true one.
     """
     rng = np.random.default_rng(1)
     flight, imu_s, noise = fly(rng), np.arange(-0.1, 10.0, 0.005), InertialNoise()
@@ -87,6 +90,7 @@ def gap_flown(camera, has_range: bool = True, lag_s: float = 0.0):
         true + rng.normal(0, std, true.shape)
         for true, std in zip((flight.body_rate(imu_s), flight.force(imu_s)), white, strict=True)
     )
+    stated_noise = replace(noise, accel_density=stated * noise.accel_density)
     stamps_s = np.concatenate([np.arange(0.0, 6.0, 0.3), np.arange(7.5, 9.0, 0.3)])
     truth, angles, slant = flight.w_T_b(stamps_s), flight.angles.at(stamps_s), flight.slant(stamps_s)
     graph = LiveGraph(camera, PipelineConfig())
@@ -98,7 +102,7 @@ def gap_flown(camera, has_range: bool = True, lag_s: float = 0.0):
         inertial = Inertial(InertialReadings(imu_s[read], gyro[read], accel[read]), noise)
         linked = k > 0 and now_s - stamps_s[k - 1] < 1.0
         found = [registration(camera, k - 1, k, truth.__getitem__)] if linked else []
-        graph.add(here, found, inertial)
+        graph.add(here, found, replace(inertial, noise=stated_noise) if k else None)
     return graph, truth
 
 
@@ -109,6 +113,14 @@ def test_readings_of_an_imu_join_the_keyframes_behind_a_gap(camera):
     assert off_m[:20].max() < 0.05
     # Over 1.5 s the noise of the accelerometer alone is 5 cm, and the velocity before adds to it.
     assert off_m[20:].max() < 0.25
+
+
+def test_vibration_is_found_whatever_noise_is_stated(camera):
+    stds_m = [
+        np.sqrt(np.trace(gap_flown(camera, stated=stated)[0]._solver.bridges()[0].covariance[3:, 3:]))
+        for stated in (0.1, 1.0)
+    ]
+    assert 0.8 < stds_m[0] / stds_m[1] < 1.25
 
 
 @pytest.mark.parametrize("missing", [{"has_range": False}, {"lag_s": 0.1}])
