@@ -67,6 +67,11 @@ class Gain:
         return Gain(float(parts.sum()), (low, high), by, tuple(parts.tolist()), channels)
 
     @property
+    def beside_best(self) -> float:
+        """Nats without the part that gains most."""
+        return self.nats - max(self.parts)
+
+    @property
     def foremost(self) -> ChannelError | None:
         """The channel with the greatest relative gain two seconds ahead, or from picture to picture; else at
         another horizon. It is None where no error falls by more than ``MISFIT``."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -52,11 +53,9 @@ def extended_model(
         *parameters.hold[: len(HOLD_NOISES)], *parameters.noise_correlation,
         *_noise(model, parameters, records),
     )  # fmt: skip
-    plain = with_figures(model, names, values)
-    plain = replace(plain, name=f"{model.name.removesuffix(_EXTENDED)[: 80 - len(_EXTENDED)]}{_EXTENDED}")
-    for name in causes:
-        plain = _with(plain, name, parameters)
-    return plain
+    name = f"{model.name.removesuffix(_EXTENDED)[: 80 - len(_EXTENDED)]}{_EXTENDED}"
+    plain = replace(with_figures(model, names, values), name=name)
+    return reduce(lambda known, name: _with(known, name, parameters), causes, plain)
 
 
 def _noise(model: Model, parameters: FilterParameters, records: Sequence[Record]) -> list[float]:
@@ -104,16 +103,13 @@ def _with(model: Model, name: str, parameters: FilterParameters) -> Model:
         "gusts": {"sigma": float(parameters.hold[GUST_STD]), "tau": float(parameters.hold[GUST_TIME])},
         "attitude_lag": {"tau": float(parameters.dynamics[ATTITUDE_TIME])},
     }
-    values = special.get(name)
-    if values is None:
-        before = filter_parameters_of(model)
-        values = {}
-        for parameter in CATALOGUE[name].parameters:
-            if (name, parameter.name) == ("exposure_variation", "tau"):
-                continue
-            where, entry = slot(parameter.slot or f"{name}.{parameter.name}")
-            x = float(getattr(parameters, where)[entry])
-            if x != float(getattr(before, where)[entry]):
-                is_square = where == "camera" and entry in SQUARES
-                values[parameter.name] = float(np.sqrt(max(x, 0.0))) if is_square else x
+    values, before = special.get(name, {}), filter_parameters_of(model)
+    for parameter in CATALOGUE[name].parameters if name not in special else ():
+        if (name, parameter.name) == ("exposure_variation", "tau"):
+            continue
+        where, entry = slot(parameter.slot or f"{name}.{parameter.name}")
+        x = float(getattr(parameters, where)[entry])
+        if x != float(getattr(before, where)[entry]):
+            is_square = where == "camera" and entry in SQUARES
+            values[parameter.name] = float(np.sqrt(max(x, 0.0))) if is_square else x
     return with_sizes(model, name, values) if values else model

@@ -7,8 +7,9 @@ the filter parameters, and the likelihood is expanded there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 import numpy as np
 
@@ -68,6 +69,21 @@ class SearchResult:
     def z_of(self, effect: Effect) -> float:
         """Return the z of a chosen effect beside the others."""
         return max(test.z for test in self.in_place(effect, effect.name))
+
+    def without(self, names: Container[str]) -> SearchResult:
+        """Return the search without some of the chosen terms.
+
+        An expansion about parameters with a saturation, or with more noise, does not describe the flights
+        without it: there is a new one. Without any term it is that of the healthy vehicle.
+        """
+        kept = tuple(e for e in self.chosen if e.name not in names)
+        gone = [e for e in self.chosen if e not in kept and (e.is_saturation or e.changes)]
+        if not kept or not gone:
+            return replace(self, last=self.last if kept else self.first, chosen=kept)
+        bare = reduce(lambda known, effect: effect.without(known), gone, self.last.parameters)
+        parameters = fit_nuisances(self.records, self.model, bare, kept)
+        last = expand(self.records, self.model, parameters, kept)
+        return replace(self, last=last, chosen=tuple(map(last.own, kept)))
 
 
 def with_term_replaced(

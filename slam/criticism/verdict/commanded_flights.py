@@ -57,12 +57,12 @@ def explain(
     parameters = fitted_parameters(reported, reported.chosen)
     doubts, refuted = contradictions(reported, parameters)
     if refuted:
-        reported = replace(reported, chosen=tuple(e for e in reported.chosen if e.name not in refuted))
+        reported = reported.without(refuted)
         parameters = fitted_parameters(reported, reported.chosen)
     best = None
     if found.model.out_of_model and reported.chosen and len(found.records) > 1:
         best = fit_rollouts(parameters, reported, progress)
-        reported, parameters = replace(reported, chosen=best.chosen), best.parameters
+        reported = replace(reported, chosen=best.chosen)
     if reported is not found:
         posterior = posterior_of(reported, refuted)
     if best is not None:
@@ -71,8 +71,7 @@ def explain(
     anomalies = [*prepared.anomalies, *reading_anomalies(reported.last.fisher.passes)]
     return CommandedFlights(
         found=reported, posterior=posterior, limits=prepared.limits, anomalies=anomalies, readings=readings,
-        model=model, progress=progress, doubts=doubts, parameters=parameters, best=best,
-        dropped=prepared.dropped,
+        model=model, progress=progress, doubts=doubts, best=best, dropped=prepared.dropped,
     )  # fmt: skip
 
 
@@ -80,10 +79,15 @@ def explain(
 class CommandedFlights(Evidence):
     """Evidence of flights with command logs."""
 
-    parameters: FilterParameters
-    """Filter parameters with the chosen causes in them."""
     dropped: tuple[str, ...]
     """Flights, streams and pictures that are not judged, with the reason, one line each."""
+
+    @cached_property
+    def parameters(self) -> FilterParameters:
+        """Filter parameters with the chosen causes in them."""
+        if self.best is not None:
+            return self.best.parameters
+        return fitted_parameters(self.found, self.found.chosen)
 
     @cached_property
     def _together(self) -> HeldOut | None:
@@ -94,6 +98,7 @@ class CommandedFlights(Evidence):
     def _rolled_out(self) -> Tally:
         return Tally(self.progress, "roll out", 2)
 
+    @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """Return the chosen terms of the catalogue as causes."""
         with self._rolled_out.part():
@@ -225,9 +230,7 @@ def _white(channel: int, run: FilterPass) -> tuple[Array, float]:
 def outliers_of(passes: Sequence[FilterPass]) -> list[Remark]:
     """Return the channels with more rejected readings than noise explains, spikes aside."""
     found = []
-    for channel, name in enumerate(CHANNELS):
-        if channel == RANGE:
-            continue
+    for channel, name in ((channel, name) for channel, name in enumerate(CHANNELS) if channel != RANGE):
         status = np.concatenate([run.of_channel(channel)[2] for run in passes])
         out = int(np.count_nonzero(status == OUTLIER))
         both = out + int(np.count_nonzero(status == USED))

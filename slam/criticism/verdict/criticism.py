@@ -42,6 +42,11 @@ class ChannelCheck:
     tenths: tuple[float, ...] = ()
     """(10,) share of the innovations in each tenth of a standard normal distribution; ideally 0.1 each."""
 
+    def to_json(self) -> dict[str, Any]:
+        """Return its content in verdict.json."""
+        moments = {"mean_square": round(self.variance, 4), "correlation": round(self.autocorrelation, 4)}
+        return {"samples": self.count} | moments | {"tenths": [round(share, 4) for share in self.tenths]}
+
 
 @dataclass(frozen=True, repr=False)
 class Criticism:
@@ -153,15 +158,7 @@ class Criticism:
             ],
             "shapes": [{"name": pattern.name, "z": round(pattern.z, 2)} for pattern in self.patterns],
             "nuisances": {n: _interval(x) for n, x in self.nuisances.items()},
-            "checks": {
-                c.channel: {
-                    "samples": c.count,
-                    "mean_square": round(c.variance, 4),
-                    "correlation": round(c.autocorrelation, 4),
-                    "tenths": [round(share, 4) for share in c.tenths],
-                }
-                for c in self.checks
-            },
+            "checks": {c.channel: c.to_json() for c in self.checks},
             "flights": list(self.flights),
             "dropped": list(self.dropped),
         }
@@ -190,16 +187,10 @@ def _interval(p: Interval) -> dict[str, Any]:
 
 
 def _gain(gain: Gain) -> dict[str, Any]:
-    return {
-        "nats": round(gain.nats, 2),
-        "ci95": [round(x, 2) for x in gain.ci95],
-        "held_out_by": gain.by,
-        "parts": [round(x, 2) for x in gain.parts],
-        "horizons": [
-            {"channel": c.channel, "horizon_s": c.horizon_s, **_before_after(c)} for c in gain.channels
-        ],
-        "channels": {c.channel: _before_after(c) for c in gain.judged},
-    }
+    every = [{"channel": c.channel, "horizon_s": c.horizon_s} | _before_after(c) for c in gain.channels]
+    ci95, parts = ([round(x, 2) for x in of] for of in (gain.ci95, gain.parts))
+    nats = {"nats": round(gain.nats, 2), "ci95": ci95, "held_out_by": gain.by, "parts": parts}
+    return nats | {"horizons": every, "channels": {c.channel: _before_after(c) for c in gain.judged}}
 
 
 def _before_after(error: ChannelError) -> dict[str, Any]:

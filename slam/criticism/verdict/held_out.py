@@ -166,4 +166,4 @@ def confirmed_terms(found: SearchResult) -> SearchResult:
         if least >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
             break
         chosen = [e for e in chosen if e is not weakest]
-    return replace(found, last=found.last if chosen else found.first, chosen=tuple(chosen))
+    return found.without([e.name for e in found.chosen if e not in chosen])

@@ -8,6 +8,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, Thresholds, with_misfit
 from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
 from slam.criticism.verdict.held_out import CONFIRMED_NATS, HeldOut, held_out
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, posterior_of
 from slam.criticism.verdict.rollout_fit import FREE, RolloutFit
 from slam.criticism.verdict.sentence import with_sentences
 from slam.data_quality.finding import Finding, Remark
@@ -70,7 +72,10 @@ class Evidence(ABC):
     """Cause -> what contradicts it."""
     best: RolloutFit | None = None
     """Sizes by roll-outs for an out-of-model vehicle, else None."""
+    withdrawn: tuple[str, ...] = ()
+    """Terms that were chosen, and with which held-out flights are predicted worse."""
 
+    @cached_property
     @abstractmethod
     def causes(self) -> tuple[Cause, ...]:
         """Return the chosen terms of the catalogue as causes."""
@@ -82,6 +87,11 @@ class Evidence(ABC):
     @abstractmethod
     def completed(self, found: Criticism) -> Criticism:
         """Return the criticism with the next flight, the extended model and what else the flights tell."""
+
+    def without(self, name: str) -> Self:
+        """Return the evidence with a chosen term withdrawn."""
+        withdrawn, found = (*self.withdrawn, name), self.found.without([name])
+        return replace(self, found=found, posterior=posterior_of(found, withdrawn), withdrawn=withdrawn)
 
     def causes_of(self, all_together: HeldOut, channels: tuple[ChannelError, ...]) -> tuple[Cause, ...]:
         """Return the chosen terms as causes, with sizes by roll-outs where there are any.
@@ -110,13 +120,19 @@ class Evidence(ABC):
 
 
 def judge(evidence: Evidence) -> Criticism:
-    """Return the criticism of a model by the evidence of flights."""
+    """Return the criticism of a model by the evidence of flights.
+
+    Terms with which held-out flights are predicted worse are withdrawn, first the one that fewest parts show.
+    """
+    while evidence.best is None and evidence.causes and evidence.causes[0].gain.flies_worse:
+        evidence = evidence.without(min(evidence.causes, key=lambda cause: cause.gain.beside_best).name)
     found, posterior, limits = evidence.found, evidence.posterior, evidence.limits
     judged = _judged(evidence)
     causes, left = judged.reported, judged.left
     pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
     entailed = [name for o in evidence.anomalies for name in ENTAILS.get(o.name, ())]
     beyond = [left_over(e, found) for e in found.chosen if not e.is_term and e.name not in entailed]
+    beyond += [NameInDoubt(is_cause=False, effect=name) for name in evidence.withdrawn]
     beyond += [*evidence.findings(judged), *(pattern for pattern in left[:1] if pattern.z > pattern_z)]
     verdict, equivalents, findings = decide(causes, posterior.probability, beyond, left[:1])
     probability = posterior.probability | {c.name: c.probability for c in causes}
@@ -133,7 +149,7 @@ def judge(evidence: Evidence) -> Criticism:
 
 def _judged(evidence: Evidence) -> JudgedCauses:
     """Divide the chosen terms by their probability, and add the anomalies of single readings."""
-    found, fitted = evidence.found, evidence.causes()
+    found, fitted = evidence.found, evidence.causes
     tests = found.last.score_tests(found.chosen, found.last.patterns)
     left = [ResidualPattern.of(s.effect.name, s.z) for s in tests]
     left.sort(key=lambda pattern: (-round(pattern.z, 2), pattern.name))
@@ -189,16 +205,15 @@ def split_by_probability(
     """Divide causes into those probable enough to be reported, and the faint ones.
 
     ``left_z`` is the z of the strongest residual pattern, if it is significant. Where something else than a
-    term is there, some causes are at even odds a part of that: inconsistent ones (``doubted``), those that
-    worsen roll-outs, and process noise, which any unmodelled motion raises. Causes below ``left_z`` may be a
-    part of it as well. For an out-of-model vehicle some pattern is always more probable than any equation:
-    odds are not shared with it.
+    term is there, some causes are at even odds a part of that: inconsistent ones (``doubted``), and process
+    noise, which any unmodelled motion raises. Causes below ``left_z`` may be a part of it as well. For an
+    out-of-model vehicle some pattern is always more probable than any equation: odds are not shared with it.
     """
     if posterior.probability[SOMETHING_ELSE] > SURE and not found.model.out_of_model:
         noise_only = {e.name for e in found.chosen if e.changes}
         causes = [
             replace(c, probability=0.5 * c.probability)
-            if c.name in doubted or c.name in noise_only or c.gain.flies_worse or c.z < left_z
+            if c.name in doubted or c.name in noise_only or c.z < left_z
             else c
             for c in causes
         ]

@@ -16,8 +16,7 @@ from scipy.special import softmax
 
 from slam.criticism.finding import NameInDoubt
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.expansion import ONE_CLASS, LikelihoodExpansion, ScoreTest, expand
-from slam.criticism.search.fitting import fit_nuisances
+from slam.criticism.search.expansion import ONE_CLASS, LikelihoodExpansion, ScoreTest
 from slam.criticism.search.search import LINEAR_Z, SearchResult, with_term_replaced
 from slam.criticism.search.thresholds import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS
 
@@ -119,18 +118,6 @@ def _in_place_of_all(found: SearchResult) -> list[tuple[float, frozenset[str]]]:
     return list(best.values())
 
 
-def _expansion_without(found: SearchResult, term: Effect) -> LikelihoodExpansion:
-    """Return the expansion that shows what a term explains: the last, or one without it if it adds noise."""
-    if not term.changes:
-        return found.last
-    rest = [e for e in found.chosen if e is not term]
-    if not rest:
-        return found.first
-    parameters = term.without(found.last.parameters)
-    parameters = fit_nuisances(found.records, found.model, parameters, rest)
-    return expand(found.records, found.model, parameters, rest)
-
-
 def _over(found: SearchResult, expansion: LikelihoodExpansion) -> float:
     """Return the nats of an expansion's parameters above the last one's, before anything is fitted."""
     return float(expansion.fisher.log_likelihood.sum() - found.last.fisher.log_likelihood.sum())
@@ -149,7 +136,8 @@ def _at_saturation(found: SearchResult, saturation: Effect) -> Place:
 
 
 def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Place:
-    expansion = _expansion_without(found, term)
+    # Where it adds noise, what it explains shows without it only.
+    expansion = found.without([term.name]).last if term.changes else found.last
     own, over = _evidence(found.last, found.chosen, found.chosen), _over(found, expansion)
     chosen, term = [expansion.own(e) for e in found.chosen], expansion.own(term)
     rest = [e for e in chosen if e is not term]

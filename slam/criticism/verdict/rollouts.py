@@ -201,13 +201,9 @@ def covariate_of(
 
 def _against(pooled: Mapping[str, dict[tuple[str, str], Array]], cause: str) -> ChannelResiduals | None:
     """Return the errors of the channel in which the cause removes the greatest share; None without one."""
-    shares = {}
-    for channel, plain in pooled[""].items():
-        left = pooled[cause][channel]
-        if np.any(plain != left):
-            shares[channel] = 1.0 - float(np.sum(left**2) / max(np.sum(plain**2), 1e-300))
-    if not shares:
+    changed = [(c, plain) for c, plain in pooled[""].items() if np.any(plain != pooled[cause][c])]
+    if not changed:
         return None
-    best = max(shares, key=lambda c: shares[c])
+    best, _ = min(changed, key=lambda of: np.sum(pooled[cause][of[0]] ** 2) / max(np.sum(of[1] ** 2), 1e-300))
     residuals = {name: of[best] for name, of in pooled.items()}
     return ChannelResiduals(cause, *best, pooled[""][best] - pooled[cause][best], residuals)

@@ -88,6 +88,7 @@ class ComparedFlights(Evidence):
     def _onset(self) -> Onset | None:
         return onset(self.found, self._parts(PART_S))
 
+    @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """Return the chosen terms as causes, with errors without them and with the sizes by other parts."""
         found = self.found

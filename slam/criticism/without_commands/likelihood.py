@@ -117,14 +117,9 @@ def likelihood_of(rows: FlightRows, parameters: FilterParameters) -> SearchResul
     (fisher, _), (shifted, _) = fisher_of(rows), fisher_of(rows, before_s=0.5 * SEGMENT_S)
     fisher = replace(fisher, shifted=shifted)
     expansion = LikelihoodExpansion(
-        fisher=fisher,
-        parameters=parameters,
-        model=parameters,
-        nuisances=(),
-        clustered=True,
-        effects=effects,
+        fisher=fisher, parameters=parameters, model=parameters, nuisances=(), clustered=True, effects=effects,
         patterns=tuple(Effect(e.name + IN_TIME, tuple(of)) for e, of in growing.items()),
-    )
+    )  # fmt: skip
     return SearchResult(model=parameters, first=expansion, last=expansion, chosen=())
 
 
@@ -133,16 +128,13 @@ def _effects(columns: Sequence[str]) -> tuple[Effect, ...]:
     of: dict[str, list[str]] = {}
     for column in columns:
         of.setdefault(DELAYS.get(column) or column.rpartition(".")[0] or column, []).append(column)
-    return tuple(
-        Effect(
-            name,
-            tuple(map(direction, own)),
-            parameters=tuple(c.rpartition(".")[2] for c in own) if name in CATALOGUE else (),
-            positive=all(is_variance(direction(c)) for c in own),
-            tolerance=TOLERANCE.get(name, 0.0),
-        )
-        for name, own in of.items()
-    )
+    effects = []
+    for name, own in of.items():
+        parameters = tuple(c.rpartition(".")[2] for c in own) if name in CATALOGUE else ()
+        moved, least = tuple(map(direction, own)), TOLERANCE.get(name, 0.0)
+        positive = all(map(is_variance, moved))
+        effects.append(Effect(name, moved, parameters=parameters, positive=positive, tolerance=least))
+    return tuple(effects)
 
 
 PICTURES = "pictures"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from slam.core.progress import silent
 from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
 from slam.criticism.finding import ResidualPattern
 from slam.criticism.kalman.kernel_inputs import Perturbation
@@ -20,6 +21,7 @@ from slam.criticism.verdict import held_out, judge, posterior
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.held_out import confirmed_terms
 from slam.criticism.verdict.judge import (
+    Evidence,
     by_importance,
     decide,
     is_unknown,
@@ -103,17 +105,56 @@ def test_causes_after_the_leading_one_are_told_by_their_probability():
         assert told == ["flow_scale", "control_latency", "gusts", "attitude_lag"]
 
 
-def test_a_cause_that_worsens_roll_outs_is_not_claimed_beside_something_unknown():
-    missed = {"better": 0.08, "alike": 0.102, "worse": 0.12}
-    range_m = {k: ChannelError("range", "m", JUDGED_HORIZON_S, 0.1, after) for k, after in missed.items()}
+@dataclass(frozen=True, kw_only=True)
+class Predicted(Evidence):
+    """Evidence of which some terms predict held-out flights worse, as long as all of them are chosen."""
 
-    def claimed(*flown: str, unknown: float = 1.0):
-        gain = replace(GAIN, channels=tuple(range_m[k] for k in flown))
-        return reported(replace(cause("climb_asymmetry"), gain=gain), unknown=unknown)[:2]
+    missed: dict[tuple[str, ...], float]
+    """Chosen terms -> error of the range with them, in m; 0.1 without any."""
 
-    assert claimed("worse") == ("unknown", [0.5])
-    assert claimed("alike") == claimed("worse", "better") == ("named_with_remainder", [1.0])
-    assert claimed("worse", unknown=0.0) == ("named", [1.0])
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        names = tuple(e.name for e in self.found.chosen)
+        errors = (ChannelError("range", "m", JUDGED_HORIZON_S, 0.1, self.missed.get(names, 0.1)),)
+        parts = {"climb_asymmetry": (900.0, -3.0, 1.0), "gyro_bias": (30.0, 20.0, 10.0)}
+        gains = {name: Gain.of(np.array(parts[name]), "flight", errors) for name in names}
+        return tuple(replace(cause(name), gain=gain) for name, gain in gains.items())
+
+    def findings(self, judged):
+        return []
+
+    def completed(self, found):
+        return found
+
+
+@pytest.mark.parametrize(
+    ("missed", "claimed"),
+    [
+        ((0.12, 0.09), ["gyro_bias"]),
+        ((0.12, 0.12), []),
+        ((0.102, 0.12), ["climb_asymmetry", "gyro_bias"]),
+        ((0.09, 0.12), ["climb_asymmetry", "gyro_bias"]),
+    ],
+)
+def test_causes_that_predict_held_out_flights_worse_are_withdrawn(monkeypatch, missed, claimed):
+    """First goes what one flight alone shows, however much that flight gains."""
+    both = ("climb_asymmetry", "gyro_bias")
+    tests = SimpleNamespace(
+        score_tests=lambda *of: [], patterns=(), effects=(), detectable=lambda z: {}, confusable=tuple
+    )
+    found = SearchResult(model=None, first=tests, last=tests, chosen=tuple(map(Effect, both)))
+    certain = Posterior({SOMETHING_ELSE: 0.0, NOTHING: 0.0} | dict.fromkeys(both, 1.0))
+    monkeypatch.setattr(judge, "posterior_of", lambda found, refuted: certain)
+    monkeypatch.setattr(judge, "with_sentences", lambda found: found)
+    told = judge.judge(
+        Predicted(
+            found=found, posterior=certain, limits=load_thresholds(), anomalies=(), readings=(), model=None,
+            progress=silent, missed=dict(zip([both, both[1:]], missed, strict=True)),
+        )
+    )  # fmt: skip
+    assert sorted(c.name for c in told.causes) == claimed
+    assert [finding.effect for finding in told.findings] == [n for n in both if n not in claimed]
+    assert {finding.is_cause for finding in told.findings} <= {False}
 
 
 def test_a_cause_weaker_than_the_remainder_is_doubted():
@@ -352,7 +393,7 @@ def test_rounding_errors_do_not_change_which_pattern_is_strongest():
         found = SimpleNamespace(chosen=(), last=last, model=SimpleNamespace(out_of_model=False))
         posterior = SimpleNamespace(probability={SOMETHING_ELSE: 0.0})
         evidence = SimpleNamespace(
-            found=found, posterior=posterior, doubts={}, limits=load_thresholds(), anomalies=(), causes=tuple
+            found=found, posterior=posterior, doubts={}, limits=load_thresholds(), anomalies=(), causes=()
         )
         left = judge._judged(evidence).left
         assert [pattern.name for pattern in left] == ["c", "a", "b"]
