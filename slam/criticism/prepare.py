@@ -16,7 +16,7 @@ from slam.criticism.cause import Cause
 from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of, noise_figures_of
 from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.readings import CHANNELS, IMU, STREAMS, by_channel, channels_of
-from slam.criticism.kalman.record import LONGEST_GAP_S, Record, any_holds_heading, record_of
+from slam.criticism.kalman.record import LONGEST_GAP_S, Record, record_of
 from slam.criticism.residuals.corrected_readings import without_boxes, without_jitter
 from slam.criticism.residuals.reading_anomalies import quantisation_in, without_dead_zone
 from slam.criticism.search.thresholds import Thresholds, load_thresholds
@@ -182,7 +182,7 @@ def prepare(flights: Sequence[Flight], model: Model, progress: Progress) -> Prep
     if nominal.out_of_model:
         records = [with_coarser_noise(record, model) for record in records]
         limits = limits.times(OUT_OF_MODEL, "the vehicle is not of the model's kind")
-    elif any_holds_heading(records):
+    elif any(holds_heading(record.stick) for record in records):
         limits = limits.times(CLOSED_LOOP, "a controller's sticks contain more than its instruments measure")
 
     def filtered(record: Record) -> tuple[Record, str]:

@@ -5,7 +5,6 @@ Readings are in body axes. A missing stream has no events, and a missing value i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -25,7 +24,7 @@ from slam.criticism.kalman.readings import (
     place_of,
 )
 from slam.data_quality.channels import streams_of
-from slam.data_quality.commands import has_commands, holds_heading
+from slam.data_quality.commands import has_commands
 from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
 from slam.simulation.stick import Stick, stick_of
 
@@ -136,11 +135,6 @@ def record_of(flight: Flight) -> Record:
         noise_std=noise_std, range_limits=np.array(limits, dtype=float),
         landing=np.zeros(len(times), dtype=bool), usual_log_variance=np.zeros_like(noise_std),
     )  # fmt: skip
-
-
-def any_holds_heading(records: Sequence[Record]) -> bool:
-    """Return whether a controller moves the turn stick of any of the records."""
-    return any(holds_heading(record.stick) for record in records)
 
 
 def _streams(flight: Flight) -> list[tuple[int, Array, Array]]:

@@ -20,10 +20,10 @@ from slam.criticism.camera.photometric import PICTURE_PATTERNS, VARIANCE_PATTERN
 from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters, slot
 from slam.criticism.kalman.kernel_inputs import FORCES, Perturbation, Signal
 from slam.criticism.kalman.readings import ATTITUDE, CHANNELS, VELOCITY, channels_of
-from slam.criticism.kalman.record import Record, any_holds_heading
+from slam.criticism.kalman.record import Record
 from slam.criticism.search.fitted_parameters import AT, NUISANCES, FittedParameter, fitted_parameter
 from slam.criticism.search.thresholds import parameter_cost
-from slam.data_quality.commands import LEAST_STICK
+from slam.data_quality.commands import LEAST_STICK, holds_heading
 from slam.simulation.dynamics import GAIN, MAX_TILT, TILT_LIMIT, TURN
 from slam.simulation.terms import CATALOGUE, Term
 
@@ -144,7 +144,7 @@ def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list
     if parameters.latency_s == 0.0:
         found += _at_values("control_latency.T", LATENCIES_S, 0.0)
     turns = any((np.abs(record.stick.values[:, TURN]) >= LEAST_STICK).any() for record in records)
-    if any_holds_heading(records) or not turns:
+    if any(holds_heading(record.stick) for record in records) or not turns:
         # A vehicle that was never commanded to turn shows slower yaw by its process noise alone.
         found = [effect for effect in found if effect.name != "yaw_drag"]
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
@@ -252,7 +252,7 @@ def residual_patterns(records: Sequence[Record]) -> tuple[Effect, ...]:
         for name in FORCED
         if name != "yaw_rate" or any(r.shows_heading for r in records)
         for signal in ON_FORCES
-        if signal != "stick_turn" or not any_holds_heading(records)
+        if signal != "stick_turn" or not any(holds_heading(r.stick) for r in records)
     ]
     if any(r.matches is not None for r in records):
         found += [Perturbation(name, "picture", k) for k, name in enumerate((*PICTURE_PATTERNS, *WARPS))]
