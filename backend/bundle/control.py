@@ -74,7 +74,8 @@ def add_control(
         for k, pixel in zip(point.keyframe.tolist(), point.pixel, strict=True):
             graph.add("mark", view_factor(POSE(k), POINT(number), pixel, views, lens))
         # An axis with an infinite deviation was not surveyed: it has no weight.
-        survey = robust(gtsam.noiseModel.Diagonal.Precisions((point.std_m * weights.survey) ** -2.0))
+        precisions = gtsam.noiseModel.Diagonal.Precisions((point.std_m * weights.survey) ** -2.0)
+        survey = robust(precisions, int(np.isfinite(point.std_m).sum()))
         graph.add("survey", survey_factor(POINT(number), world_key, point.w_p_m, survey))
 
 

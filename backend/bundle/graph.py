@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import gtsam
 import numpy as np
@@ -43,6 +42,7 @@ from backend.bundle.reported.graph import ReportedPart, add_reported
 from backend.bundle.sensor_factors import SensorFactors
 from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, FloorTracks, Measurements, PinholeModel, ReportedNoise
+from backend.robust import huber_limit, robust
 
 Array = NDArray[np.float64]
 WORLD = gtsam.symbol("w", 0)
@@ -55,7 +55,7 @@ class BundleConfig:
     rounds: int = 10
     """Maximum number of solves. The noise of each kind of measurement is estimated again between two solves,
     until it converges. Camera calibration starts with the second solve."""
-    huber_sigmas: float = 2.0
+    huber_sigmas: float = huber_limit(2)
     drop_sigmas: float = 6.0
     """Observations with a larger residual are dropped between rounds, and counted."""
     slope_std_rad: float = 0.05
@@ -210,7 +210,6 @@ def _add_calibration(graph: SensorFactors, camera: PinholeModel) -> None:
 def _add_sensors(graph: SensorFactors, problem: BundleProblem, noise: NoiseLevels) -> None:
     """Add factors of attitudes, ranges and positions."""
     measurements, c_T_b = problem.measurements, problem.c_T_b
-    robust = partial(gtsam.noiseModel.Robust.Create, gtsam.noiseModel.mEstimator.Huber.Create(1.345))
     if measurements.attitudes:
         ratio = over_typical([a.std_rad[:2].max() for a in measurements.attitudes])
         for a, std in zip(measurements.attitudes, noise.roll_pitch_rad * ratio, strict=True):
@@ -227,8 +226,9 @@ def _add_sensors(graph: SensorFactors, problem: BundleProblem, noise: NoiseLevel
         over = positions_over_typical(measurements.positions)
         for p, std_m in zip(measurements.positions, noise.position_m * over, strict=True):
             # An axis with an infinite deviation was not measured: it has no weight.
-            precision = np.where(np.isfinite(p.std_m), std_m**-2.0, 0.0)
-            model = robust(gtsam.noiseModel.Diagonal.Precisions(precision))
+            measured = np.isfinite(p.std_m)
+            precision = np.where(measured, std_m**-2.0, 0.0)
+            model = robust(gtsam.noiseModel.Diagonal.Precisions(precision), int(measured.sum()))
             graph.add("position", scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
     if measurements.heights:
         ratio = over_typical([h.std_m for h in measurements.heights])

@@ -23,9 +23,10 @@ from backend.bundle.noise_level import (
 )
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import residuals
-from backend.bundle.residual_spread import HUBER_SIGMAS, huber_std, robust_autocorrelated_std
+from backend.bundle.residual_spread import huber_std, robust_autocorrelated_std
 from backend.measurements import FloorTracks, Measurements
 from backend.quantiles import chi_square_quantile
+from backend.robust import huber_limit
 
 Array = NDArray[np.float64]
 
@@ -255,7 +256,7 @@ def _mark_scale(off: Array, points: int) -> float:
     left = off.size - 3 * points
     if left <= 3:
         return 1.0
-    found = huber_std(off, HUBER_SIGMAS) * redundancy_factor(off.size, np.array([3.0 * points]))
+    found = huber_std(off, huber_limit(off.shape[1])) * redundancy_factor(off.size, np.array([3.0 * points]))
     return pooled(1.0, found, left)
 
 

@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.quantiles import chi_square_quantile, chi_square_tail
+from backend.robust import huber_limit
 
 Array = NDArray[np.float64]
-
-HUBER_SIGMAS = 2.0
-"""Residuals of instruments count up to here, as those of pixels do: one wrong reading spoils no other."""
 
 
 def huber_std(x: Array, k: float) -> float:
@@ -31,12 +29,14 @@ def huber_std(x: Array, k: float) -> float:
 
 
 def robust_autocorrelated_std(x: Array) -> float:
-    """Return `autocorrelated_std` of residuals (n, d) whose outliers are cut at `HUBER_SIGMAS`."""
-    std = huber_std(x, HUBER_SIGMAS)
+    """Return `autocorrelated_std` of residuals (n, d) whose outliers are cut where Huber's loss cuts them:
+    one wrong reading spoils no other."""
+    limit = huber_limit(x.shape[1])
+    std = huber_std(x, limit)
     if std <= 0:
         return autocorrelated_std(x)
     distance = np.linalg.norm(x, axis=1, keepdims=True) / std
-    cut = x / np.maximum(distance / HUBER_SIGMAS, 1.0)
+    cut = x / np.maximum(distance / limit, 1.0)
     plain = float(np.sqrt(np.mean(cut**2)))
     return std * autocorrelated_std(cut) / plain if plain > 0 else std
 

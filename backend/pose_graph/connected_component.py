@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from backend.gauge import format_directions, format_keys, gauge_prior, unobserved_directions
 from backend.measurements import Rejection
+from backend.pose_graph.chi_square import CONFIDENCE
 from backend.pose_graph.elimination import elimination_exceeds
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,
@@ -25,7 +26,8 @@ from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.own_noise import own_noise
 from backend.pose_graph.selection.rejection import has_loops_on_odometry, reasons, reject_outliers
 from backend.pose_graph.selection.rival_loops import rival_loops, rivals_sentence
-from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
+from backend.pose_graph.unary_factors import fixed, jacobian
+from backend.quantiles import chi_square_limit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -158,14 +160,19 @@ def _warnings(problem: Problem, fit: GraphFit) -> list[str]:
     # A pose graph's ranges may be heights from other instruments, or from the pictures.
     for kind, words in (("position", "positions"), ("range", "heights over the floor")):
         of_kind = [a for a in problem.unary_factors if a.kind == kind]
-        far = [a.k for a in of_kind if 2 * a.gaussian.error(minimum.values) > OUTLIER_SIGMA**2]
+        far = [a.k for a in of_kind if 2 * a.gaussian.error(minimum.values) > _gate(len(of_kind), a.rows)]
         if far:
             more = f" and {len(far) - _MAX_LISTED} more" if len(far) > _MAX_LISTED else ""
             messages.append(
-                f"{len(far)} of {len(of_kind)} {words} lie beyond {OUTLIER_SIGMA:.0f} sigma: down-weighted "
+                f"{len(far)} of {len(of_kind)} {words} lie farther off than noise explains: down-weighted "
                 f"({format_keys(far[:_MAX_LISTED], problem.name)}{more})"
             )
     return messages
+
+
+def _gate(count: int, rows: int) -> float:
+    """Return the squared whitened error (``rows``) that any of ``count`` good ones exceeds once in 1000."""
+    return chi_square_limit((1.0 - CONFIDENCE) / count, rows)
 
 
 def is_placed_alone(problem: Problem) -> bool:
