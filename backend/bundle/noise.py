@@ -214,28 +214,29 @@ def _pooled(stated: Sequence[float], off: Array) -> float:
 def _position_noise(
     measurements: Measurements, w_T_b: Array, world: Array, before: Array, absorbed: Array
 ) -> Array:
-    """Return the standard deviations east, north, up of positions; up stays where altitudes are too few."""
+    """Return the standard deviations east, north, up of positions, those ``before`` where too few have them.
+
+    East and north have one factor on what the receiver states of each.
+    """
     w_p_a = w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ world[ANTENNA] + world[OFFSET]
-    over = positions_over_typical(measurements.positions)
-    off = np.array([p.w_p_b_m - w_p_a[p.k] for p in measurements.positions]) / over
-    high = off[np.isfinite([p.std_m[2] for p in measurements.positions]), 2:]
-
-    stated = _stated_position_noise(measurements)
-    of_one_accuracy = over.max(axis=0) < 1 + 1e-6  # interpolation between fixes rounds
-
-    def level(off: Array, axis: int, absorbed: Array) -> float:
-        found = robust_autocorrelated_std(off) * redundancy_factor(off.size, absorbed)
-        least = float(stated[axis])
+    over, stated = positions_over_typical(measurements.positions), _stated_position_noise(measurements)
+    measured = np.isfinite([p.std_m for p in measurements.positions])
+    off = np.array([p.w_p_b_m - w_p_a[p.k] for p in measurements.positions])
+    noise = before.copy()
+    for axes in (slice(0, 2), slice(2, 3)):
+        rows = measured[:, axes].all(axis=1)
+        if rows.sum() <= 3:
+            continue
+        whitened = (off / over)[rows, axes] / stated[axes]
+        found = robust_autocorrelated_std(whitened) * redundancy_factor(whitened.size, absorbed[axes])
+        least = 1.0
         # Residuals below the stated accuracy count, as far as they can show it. Where fixes differ, many
         # coarse ones that are better than they state would say so of the fine ones too.
-        if of_one_accuracy[axis]:
-            least = min(least, least_std(float(before[axis]), off.size, absorbed))
-        return max(found, least) + 1e-3
-
-    horizontal, vertical = level(off[:, :2], 0, absorbed[:2]), float(before[2])
-    if len(high) > 3:
-        vertical = level(high, 2, absorbed[2:])
-    return np.array([horizontal, horizontal, vertical])
+        if over[:, axes].max() < 1 + 1e-6:  # interpolation between fixes rounds
+            factor = float(np.mean(before[axes] / stated[axes]))
+            least = min(least, least_std(factor, whitened.size, absorbed[axes]))
+        noise[axes] = max(found, least) * stated[axes]
+    return noise
 
 
 def _survey_scale(off: Array) -> float:

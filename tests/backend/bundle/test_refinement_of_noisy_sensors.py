@@ -9,7 +9,7 @@ import pytest
 
 from backend.bundle.noise import same_noise
 from backend.bundle.refinement import refine
-from backend.measurements import Measurements
+from backend.measurements import Measurements, Position
 from tests.backend.bundle.made_scenes import SEEDS, SONAR, SURVEY, errors_squared, position_rms
 from tests.backend.made_floor import Made, aligned, make
 
@@ -92,6 +92,28 @@ def test_one_position_far_off_leaves_scale_and_noise_as_they_are():
         np.linalg.norm(np.diff(b.w_T_b[:, :3, 3], axis=0), axis=1).sum() for b in (clean, with_outlier)
     ]
     assert lengths[1] == pytest.approx(lengths[0], rel=3 * clean.scale_std)
+
+
+@pytest.mark.parametrize("along", [0, 1])
+def test_a_receiver_may_know_one_axis_better_than_the_other(along):
+    """The level of both had been that of east, however the receiver stated them."""
+    std_m, found = np.array([1.0, 1.0, 2.0]), []
+    std_m[along] = 0.2
+    for seed in SEEDS[:4]:
+        made, rng = make(replace(SURVEY, points_in_view=15, keyframes=24), seed), np.random.default_rng(seed)
+        read = [Position(k, T[:3, 3] + rng.normal(0, std_m), std_m) for k, T in enumerate(made.w_T_b)]
+        found.append(refine(replace(made.measurements, positions=tuple(read)), made.start, made.floor_z_m))
+    level_m = np.mean([bundle.noise.position_m for bundle in found], axis=0)
+    np.testing.assert_allclose(level_m[:2], std_m[:2], rtol=0.2)
+
+
+def test_positions_good_to_millimetres_keep_their_noise():
+    """A millimetre had been added, whatever the receiver was."""
+    made, std_m = make(replace(SURVEY, points_in_view=15, keyframes=24), 0), np.full(3, 5e-4)
+    rng = np.random.default_rng(0)
+    read = [Position(k, T[:3, 3] + rng.normal(0, std_m), std_m) for k, T in enumerate(made.w_T_b)]
+    found = refine(replace(made.measurements, positions=tuple(read)), made.start, made.floor_z_m)
+    np.testing.assert_allclose(found.noise.position_m, std_m, rtol=0.3)
 
 
 def test_a_missing_altitude_has_no_influence():
