@@ -10,6 +10,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend import se3
 from backend.bundle.aligned_pairs import add_aligned
 from backend.bundle.barometer import height_factor, heights_prior
 from backend.bundle.control import ControlWeights, add_control, start_control
@@ -134,7 +135,7 @@ class BundleProblem:
     @property
     def c_T_b(self) -> Array:
         """Transform from body to camera coordinates, by the nominal mount."""
-        return np.asarray(np.linalg.inv(self.camera.b_T_c), dtype=float)
+        return se3.inverse(self.camera.b_T_c)
 
     def b_T_c(self, values: gtsam.Values) -> Array:
         """Return the transform from camera to body coordinates, by the estimated mount."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.se3 import cross_matrix, exp
+from backend.whitening import whitening
 
 Array = NDArray[np.float64]
 
@@ -99,8 +100,7 @@ def place(f_T_k: Array, rays: Array, pixel: Array, plane: ImagePlane) -> Array:
 
 def homography_whitening(covariance: Array, by_slope: Array) -> Array:
     """Return the matrix (8, 8) that whitens the error, for the covariance of the points in the keyframe."""
-    total = covariance + _SLOPE_STD_RAD**2 * by_slope @ by_slope.T
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(total)))
+    return whitening(covariance + _SLOPE_STD_RAD**2 * by_slope @ by_slope.T)
 
 
 def homography_factor(

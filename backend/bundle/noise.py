@@ -10,6 +10,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend import se3
 from backend.bundle.barometer import HEIGHTS, height_residuals
 from backend.bundle.control import mark_residuals, survey_residuals
 from backend.bundle.factors import ANTENNA, DATUM, LOG_GAIN, LOG_SCALE, OFFSET, body_up
@@ -194,7 +195,7 @@ def _sensor_noise(
     if len(measurements.ranges) > 3:
         metric = f_T_c.copy()
         metric[:, :3, 3] *= np.exp(world[LOG_SCALE])
-        c_T_b = np.linalg.inv(problem.b_T_c(values))
+        c_T_b = se3.inverse(problem.b_T_c(values))
         f_T_s = np.array([metric[r.k] @ c_T_b @ r.b_T_s for r in measurements.ranges])
         seen = np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM]
         off = seen - np.array([r.range_m for r in measurements.ranges])

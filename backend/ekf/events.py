@@ -9,6 +9,7 @@ from backend.ekf import readings as kinds
 from backend.ekf.inputs import READINGS, CloneMode, Readings, Series, VisualStep
 from backend.ekf.records import FilterEvents
 from backend.errors import BackendError
+from backend.whitening import whitening
 
 Array = NDArray[np.float64]
 
@@ -92,6 +93,6 @@ def _whiteners(steps: tuple[VisualStep, ...]) -> Array:
     """Return (s, 6, 6) inverse Cholesky factors of the steps' covariances. Raises ``BackendError``."""
     covariance = np.array([step.covariance for step in steps], dtype=float).reshape(-1, 6, 6)
     try:
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=float)
+        return whitening(covariance)
     except np.linalg.LinAlgError:
         raise BackendError("a step's covariance is not positive definite; drop that step") from None

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from backend.errors import BackendError
 from backend.measurements import GRAVITY_M_S2, Inertial, InertialNoise
 from backend.preintegration.integrals import covered, dense, integrate
+from backend.whitening import whitening
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ class InertialInterval:
         """
         covariance = self.covariance(gyro_factor, accel_factor)
         try:
-            return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+            return whitening(covariance)
         except np.linalg.LinAlgError as error:
             raise BackendError("the gyro turns too fast to be integrated: check its unit") from error
 

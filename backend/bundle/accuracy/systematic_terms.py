@@ -10,6 +10,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend import se3
 from backend.bundle.factors import LOG_SCALE
 from backend.bundle.graph import WORLD
 from backend.bundle.lens import CENTER, FOCAL, NAMES
@@ -101,7 +102,7 @@ def _of_positions(optimum: BundleOptimum, linear: LinearSystem, rows: int) -> Ar
     factors = optimum.cost.pose_side
     mine = np.flatnonzero(factors.rows_of("position"))
     scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
-    c_T_b = np.linalg.inv(optimum.problem.b_T_c(optimum.values))
+    c_T_b = se3.inverse(optimum.problem.b_T_c(optimum.values))
     by_row, columns = linear.pose_side.tocsr(), np.zeros((rows, 2))
     of_pose_side = columns[rows - by_row.shape[0] :]
     for row, k in zip(mine.tolist(), factors.keyframes[mine].tolist(), strict=True):

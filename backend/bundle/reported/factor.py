@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from backend.bundle.reported.integrate import ReportedInterval
 from backend.bundle.world import WorldTransform
 from backend.measurements import ReportedNoise
+from backend.whitening import whitening
 
 Array = NDArray[np.float64]
 
@@ -74,8 +75,7 @@ class IntervalNoise:
         # A turn that wanders between the ends moves the path aside: the variance of the mean of a bridge.
         aside = _QUARTER @ vector(interval.moved)
         covariance[:2, :2] += variance[2] / 12 * np.outer(aside, aside)
-        whitening = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
-        return IntervalNoise(whitening, error * time_s * share)
+        return IntervalNoise(whitening(covariance), error * time_s * share)
 
 
 def vector(number: complex) -> Array:

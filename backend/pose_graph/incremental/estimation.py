@@ -20,6 +20,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend import se3
 from backend.errors import BackendError, first_line
 from backend.measurements import (
     Attitude,
@@ -240,7 +241,7 @@ class Incremental:
     def _predicted(self, anchor: RelativePose, number: int) -> Array:
         if anchor.j == number:
             return self.pose(anchor.i) @ anchor.i_T_j
-        return self.pose(anchor.j) @ np.linalg.inv(anchor.i_T_j)
+        return self.pose(anchor.j) @ se3.inverse(anchor.i_T_j)
 
     def _update_with_loops(self) -> tuple[str, tuple[str, ...]]:
         """Add the queued loops and test all edges; return the reason for a rebuild, and messages about
