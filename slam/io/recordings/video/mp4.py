@@ -37,13 +37,16 @@ class Mp4Track:
     stamps_s: Array
     """(m,) times at which the samples are shown, increasing, from the first one that is shown.
 
-    Samples that an edit list cuts off, and those with the time of another one, are not shown."""
+    Samples that an edit list cuts off, those with the time of another one, and those beyond the end of the
+    file are not shown."""
     durations_s: Array
     """(n,) in the order of the file."""
     offsets: Integers
     """(n,) places of the samples in the file, in the order of the file."""
     sizes: Integers
     """(n,) bytes."""
+    lost: int
+    """Number of samples that do not lie in the file entirely."""
 
     def samples(self, file: BinaryIO, limit_bytes: int = 1 << 24) -> Iterator[bytes | None]:
         """Yield the samples in the order of the file; None for one beyond its end or the limit."""
@@ -133,7 +136,10 @@ def _timescale(header: bytes) -> int:
 
 
 def _track(body: bytes, limit: int, movie_scale: int) -> Mp4Track:
-    """Return a track; more samples than ``limit``, the bytes of the file, are damage."""
+    """Return a track; more samples than ``limit``, the bytes of the file, are damage.
+
+    Samples beyond these bytes are lost, as in a file that is cut short.
+    """
     media = _find(body, b"mdia")
     table = _find(media, b"minf", b"stbl")
     timescale = _timescale(_find(media, b"mdhd"))
@@ -150,14 +156,19 @@ def _track(body: bytes, limit: int, movie_scale: int) -> Mp4Track:
         shifts = _integers(composition, 2)
         signed = shifts[:, 1].astype(np.uint32).view(np.int32).astype(np.int64)
         shown = decoded + _repeated(signed, shifts[:, 0], limit)[: len(decoded)]
-    stamps = _edited(np.unique(shown), _edits(_find(body, b"edts", b"elst")), timescale, movie_scale)
+    offsets = _offsets(table, sizes)
+    is_whole = offsets + sizes <= limit
+    stamps = _edited(
+        np.unique(shown[is_whole]), _edits(_find(body, b"edts", b"elst")), timescale, movie_scale
+    )
     return Mp4Track(
         handler=_find(media, b"hdlr")[8:12].decode("latin-1"),
         code=_find(table, b"stsd")[12:16].decode("latin-1"),
         stamps_s=(stamps - stamps[0]) / timescale if len(stamps) else np.empty(0),
         durations_s=durations / timescale,
-        offsets=_offsets(table, sizes),
+        offsets=offsets,
         sizes=sizes,
+        lost=int((~is_whole).sum()),
     )
 
 

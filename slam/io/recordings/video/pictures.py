@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -19,6 +22,8 @@ _FIRST_MARGIN = 8
 """Number of pictures before the wanted one at which decoding starts after a jump; it is doubled as needed."""
 _READ_ON = 64
 """A picture so close ahead is reached by decoding on, which is faster than a jump to a key picture."""
+
+_FFMPEG_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 
 
 class VideoPictures:
@@ -63,7 +68,8 @@ class VideoPictures:
             self._at_s = None
             if start == 0:
                 self._video.release()
-                self._video.open(str(self._path), cv2.CAP_FFMPEG)
+                with _read_by_index():
+                    self._video.open(str(self._path), cv2.CAP_FFMPEG)
                 self._video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
                 self._grabbed = 0
             else:
@@ -99,9 +105,28 @@ class VideoPictures:
         return float(self._stamps_s[k]) if 0 <= k < len(self._stamps_s) else None
 
 
+@contextmanager
+def _read_by_index() -> Iterator[None]:
+    """Let FFmpeg find the packets of an AVI file by its index, where it has one.
+
+    Otherwise FFmpeg reads on from packet to packet and counts them for the times, so that all pictures
+    behind a damaged place come too early. OpenCV passes FFmpeg's flags by this variable alone.
+    """
+    before = os.environ.get(_FFMPEG_OPTIONS)
+    os.environ[_FFMPEG_OPTIONS] = "fflags;sortdts"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_FFMPEG_OPTIONS]
+        else:
+            os.environ[_FFMPEG_OPTIONS] = before
+
+
 def opened(path: Path) -> cv2.VideoCapture:
     """Return the opened video, its pictures not turned. Raises ``InputError`` where it cannot be opened."""
-    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    with _read_by_index():
+        video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not video.isOpened():
         raise refusal(path, "is a video that cannot be decoded", "convert it to H.264 in MP4")
     video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
@@ -148,7 +173,8 @@ def packet_times(path: Path) -> Array:
 
     Nothing is decoded. All are zero where the file has no times, as a bare H.264 stream.
     """
-    packets = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+    with _read_by_index():
+        packets = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
     times_ms = []
     while packets.grab():
         times_ms.append(packets.get(cv2.CAP_PROP_POS_MSEC))

@@ -16,6 +16,7 @@ from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
 from slam.io.files import brief, read_bytes
 from slam.io.recordings.recording import COPY_AGAIN, Content, Offer, PictureChannel, Recording
 from slam.io.recordings.tables.table import KIND, RULES
+from slam.io.recordings.video.cut_short import without_cut_end
 from slam.io.recordings.video.gopro_imu import up_in_body
 from slam.io.recordings.video.gpmf import TRACK_CODE, GoproTrack, read_gopro
 from slam.io.recordings.video.model_lens import ModelLens, lens_of_model
@@ -196,18 +197,30 @@ def _opened(path: Path) -> _Video:
     size_px = first_size_of(path)
     of_pictures = next((track for track in tracks if track.handler == "vide"), None)
     has_index = of_pictures is not None and len(of_pictures.stamps_s) > 0
-    shown = of_pictures.stamps_s if of_pictures is not None and has_index else packet_times(path)
+    if of_pictures is not None and has_index:
+        shown, damage = of_pictures.stamps_s, _lost_pictures(of_pictures)
+    else:
+        shown, damage = without_cut_end(path, packet_times(path))
     stamps_s = np.unique(shown) - shown.min()
     is_timed = len(stamps_s) > 1 or len(shown) == 1
     if not is_timed:
         stamps_s = np.arange(len(shown)) / ASSUMED_RATE_HZ
-    subtitles, name, damage = _subtitles_of(path, tracks)
+    subtitles, name, of_subtitles = _subtitles_of(path, tracks)
     metadata = next((track for track in tracks if track.code == TRACK_CODE), None)
     gopro = None if metadata is None else read_gopro(path, metadata)
-    damage += () if gopro is None else gopro.damage
+    damage += of_subtitles + (() if gopro is None else gopro.damage)
     held_back = pictures_held_back(path, stamps_s) if is_avi else 0
     lens = lens_of_model(read_user_data(path), size_px) if is_mp4 else None
     return _Video(stamps_s, size_px, is_timed, subtitles, name, held_back, lens, gopro, damage)
+
+
+def _lost_pictures(track: Mp4Track) -> tuple[str, ...]:
+    """Return a line where pictures of the index lie beyond the end of the file."""
+    line = (
+        f"the file is cut short: {track.lost} of {len(track.sizes)} pictures of its index lie beyond its end "
+        f"and are lost; {COPY_AGAIN}"
+    )
+    return (line,) * bool(track.lost)
 
 
 def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str, tuple[str, ...]]:
