@@ -1,4 +1,4 @@
-"""What the header of a video states against what the file holds: AVI (RIFF) and Matroska.
+"""Check of a video against its own header: AVI (RIFF) and Matroska files that were cut short or damaged.
 
 An MP4 file is compared sample by sample instead (`slam.io.recordings.video.mp4`).
 Sources: Microsoft, "AVI RIFF File Reference" and OpenDML 1.02; RFC 8794 and RFC 9559 (Matroska).

@@ -29,7 +29,7 @@ def numbers_and_stamps(flight) -> list[tuple[int, float]]:
 
 
 def number_in(picture: np.ndarray) -> int:
-    return round((float(np.median(picture)) + 1.5 - grey_of(0)) / 5)  # MPEG-4 darkens by half a step
+    return int((float(np.median(picture)) + 4 - grey_of(0)) // 5)  # MPEG-4 darkens by up to 4
 
 
 def is_in_time(found: list[tuple[int, float]]) -> bool:
