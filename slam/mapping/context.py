@@ -52,12 +52,7 @@ class Context:
     @staticmethod
     def of(flight: Flight, job: Job, front_end: FrontEnd, observations: Observations) -> Context:
         """Read the instruments at the keyframes."""
-        origin = flight.geo_origin()
-        readings = KeyframeReadings.at(flight, observations.stamps_s, origin, job.config)
-        surveyed = surveyed_in_world(flight, origin, observations.frame_index)
-        setup = Setup(job.camera, readings, job.config, surveyed)
-        bridges = InertialBridges(flight, setup, observations.links, job.config.inertial, job.progress)
-        return Context(flight, job, front_end, setup, bridges)
+        return Context(flight, job, front_end, *_at_keyframes(flight, job, observations))
 
     @property
     def timer(self) -> Stopwatch:
@@ -67,8 +62,8 @@ class Context:
     def calibrated(self, clock: PictureClock, camera: Camera, observations: Observations) -> Context:
         """Return the context for another camera, and for pictures without the delays of ``clock``."""
         job = replace(self.job, camera=camera)
-        context = Context.of(self.flight, job, self.front_end, observations)
-        return replace(context, clock=clock, refuted=self.refuted, still_held=self.still_held)
+        setup, bridges = _at_keyframes(self.flight, job, observations)
+        return replace(self, job=job, setup=setup, bridges=bridges, clock=clock)
 
     def with_gps(self, gps: Gps | None, observations: Observations) -> Context:
         """Return the context for other positions, or for another antenna."""
@@ -87,3 +82,13 @@ class Context:
     def on_step(self, iteration: int, _: float) -> None:
         """Report an iteration of the pose graph."""
         self.job.progress("graph", iteration, 0)
+
+
+def _at_keyframes(flight: Flight, job: Job, observations: Observations) -> tuple[Setup, InertialBridges]:
+    """Read the instruments at the keyframes."""
+    origin = flight.geo_origin()
+    readings = KeyframeReadings.at(flight, observations.stamps_s, origin, job.config)
+    surveyed = surveyed_in_world(flight, origin, observations.frame_index)
+    setup = Setup(job.camera, readings, job.config, surveyed)
+    bridges = InertialBridges(flight, setup, observations.links, job.config.inertial, job.progress)
+    return setup, bridges
