@@ -42,6 +42,9 @@ from slam.mapping.stages import (
 
 MOST_PASSES = 2
 """Obstacles bend the first map and are then misplaced in it; the second pass places them again."""
+MOST_FREED = len(HELD)
+"""A map with one freed calibration may refute the other one. Each is freed once: a lens may be refuted anew,
+or change its model to and fro."""
 LEAST_LEFT = 0.5
 """Smallest share of the mapped keyframes that masks must leave: below it there is no floor to see."""
 
@@ -103,8 +106,9 @@ def _with_overlaps(
 
 
 def _with_refuted_freed(finished: _Finished, flight: Flight) -> _Finished:
-    """Map the flight again as long as the pictures refute a calibration that the map holds."""
-    for _ in HELD:
+    """Map the flight again where the pictures refute a calibration that the map holds: once for each of these
+    at most."""
+    for _ in range(MOST_FREED):
         freed = freed_calibrations(
             finished.context, finished.refined, finished.shared, finished.lens_is_suspect
         )
