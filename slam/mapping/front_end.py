@@ -117,6 +117,14 @@ class TrackedPictures:
         self.refused += [keyframe.refused] if keyframe.refused is not None else []
 
 
+def extractor_of(config: PipelineConfig, camera: Camera) -> Extractor:
+    """Return what finds the features. Raises ``InputError`` where OpenCV lacks the configured ones."""
+    try:
+        return Extractor(config.features.for_width(camera.size_px[0]))
+    except FeatureUnavailableError as error:
+        raise InputError(str(error)) from None
+
+
 class FrontEnd:
     """The front end with its settings for one flight."""
 
@@ -135,10 +143,7 @@ class FrontEnd:
         self.earlier, self.work = earlier or EarlierPass(), EarlierPass()
         self.masks = masks
         self.homography = config.homography.for_width(width)
-        try:
-            self.extractor = Extractor(config.features.for_width(width))
-        except FeatureUnavailableError as error:
-            raise InputError(str(error)) from None
+        self.extractor = extractor_of(config, camera)
 
     def tracker(self, look_ahead: bool = True, is_urged: IsUrged = lambda features: False) -> Tracker:
         """Return the tracker of one pass over the frames; ``look_ahead`` and ``is_urged`` as there."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend import se3
 from frontend.camera import Camera
-from frontend.features import Extractor, Features, check_picture
+from frontend.features import Features, check_picture
 from frontend.loops import appearance
 from frontend.registration import Registration, register
 from frontend.store import FeatureStore
@@ -25,6 +25,7 @@ from slam.core.estimate import Estimate, over_floor
 from slam.core.flight import Flight, Image
 from slam.core.progress import Progress, silent
 from slam.mapping.config import PipelineConfig
+from slam.mapping.front_end import extractor_of
 
 Array = NDArray[np.float64]
 
@@ -66,7 +67,8 @@ class Relocalizer:
     ) -> None:
         """``flight``: the pictures that the map was made of.
 
-        Raises ``InputError`` where the two do not belong together.
+        Raises ``InputError`` where the two do not belong together, or where OpenCV lacks the configured
+        features.
         """
         check_estimate(estimate)
         check_flight(flight)
@@ -84,7 +86,7 @@ class Relocalizer:
             )
         self.camera, self.config = camera, config
         self._homography = config.homography.for_width(camera.size_px[0])
-        self._extractor = Extractor(config.features.for_width(camera.size_px[0]))
+        self._extractor = extractor_of(config, camera)
         self._slope, self._floor_z_m = estimate.floor_slope_rad, estimate.floor_z_m
         self._store, numbers = FeatureStore(), []
         for done, k in enumerate(placed.tolist(), 1):

@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from typer.testing import CliRunner
 
 from backend import se3
+from frontend.features import FeatureConfig
 from slam import Relocalizer, relocalize
 from slam.cli import app
 from slam.core.errors import InputError
@@ -21,6 +22,7 @@ from slam.core.flight import Flight
 from slam.evaluation.association import poses_at
 from slam.io.estimate import write_estimate
 from slam.io.flight_writer import write_flight
+from slam.mapping.config import PipelineConfig
 from tests.slam.small_flight import elsewhere, flown
 from tests.slam.whole_job import normal
 
@@ -90,6 +92,12 @@ def test_a_flight_that_the_map_was_not_made_of_is_refused(mapped):
     renamed = replace(flight, frames=frames)
     with pytest.raises(InputError, match="made of"):
         relocalize(flight.frames.load(0), estimate, renamed)
+
+
+def test_features_that_opencv_lacks_are_refused(mapped):
+    flight, estimate, _ = mapped
+    with pytest.raises(InputError, match="surf"):
+        Relocalizer(estimate, flight, PipelineConfig(features=FeatureConfig(kind="surf")))
 
 
 def test_the_command_writes_a_row_a_picture_and_counts_what_it_did_not_find(mapped, tmp_path):
