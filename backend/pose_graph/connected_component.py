@@ -138,9 +138,10 @@ def _contradictions(problem: Problem, fit: GraphFit) -> list[str]:
     if test.passed:
         return []
     who, ratio = format_keys(range(problem.count), problem.name), math.sqrt(test.statistic / test.dof)
+    times = f"{ratio:.2g}" if ratio < 100 else f"{ratio:.0f}"
     return [
         f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g} for"
-        f" {test.dof} degrees of freedom): take deviations {ratio:.2g} times as large as stated"
+        f" {test.dof} degrees of freedom): take deviations {times} times as large as stated"
     ]
 
 

@@ -148,6 +148,19 @@ def least_squares_fit(gauge_fixed: GaugeFixedProblem, kept: Mask, start: Array) 
     return _fit(gauge_fixed, problem, levenberg_marquardt(graph, best.minimum, *limits))
 
 
+def damped_fit(gauge_fixed: GaugeFixedProblem, start: Array) -> GraphFit:
+    """Fit all edges by damped steps alone from some poses (n, 4, 4).
+
+    Undamped steps may leave the valley of the start. Raises ``BackendError`` if the error is not finite.
+    """
+    problem, options = gauge_fixed.problem, gauge_fixed.options
+    graph, values = gauge_fixed.graph(np.ones(len(problem.i), dtype=bool)), problem.values(start)
+    error = float(graph.error(values))
+    before = OptimizationResult(error, error, 0, False, "", values)
+    limits = (MAX_ITERATIONS, RELATIVE_TOLERANCE, options.on_step, options.deadline)
+    return _fit(gauge_fixed, problem, levenberg_marquardt(graph, before, *limits))
+
+
 def _starts(problem: Problem, start: Array) -> Iterator[gtsam.Values]:
     """Yield the initial guess and the chordal relaxation, the one of lower error first."""
     if not np.isfinite(start).all():

@@ -37,13 +37,13 @@ def own_noise(gauge_fixed: GaugeFixedProblem, w_T: Array) -> float:
     the chains of odometry. It is 1 where that is more, where no chain has a loop, and where the stated
     covariances tell a false loop from a true one.
     """
-    if _are_selective(gauge_fixed.problem, w_T):
+    if are_selective(gauge_fixed.problem, w_T):
         return 1.0
     found = list(_innovations(gauge_fixed))
     return likely_scale(_joined(found)) if found else 1.0
 
 
-def _are_selective(problem: Problem, w_T: Array) -> bool:
+def are_selective(problem: Problem, w_T: Array) -> bool:
     """Return whether a false loop anywhere in the map hardly passes the gate of most of the loops.
 
     The gate is at least as wide as the loop's own covariance makes it.

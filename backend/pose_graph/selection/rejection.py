@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +18,17 @@ from backend.pose_graph.gauge_fixed_problem import (
 )
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import recheck_rejected, tail_inflation
+from backend.pose_graph.selection.all_edges import loses_most_loops, lowest_fit, one_factor_explains
 from backend.pose_graph.selection.chains import chain_members, connected
 from backend.pose_graph.selection.doubts import agreement_is_lost, doubtful_odometry, odometry_dispute
 from backend.pose_graph.selection.draw import draw_loops
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
+from backend.pose_graph.selection.own_noise import are_selective
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale, sample_posterior
+from backend.pose_graph.selection.selected import Selection
 from backend.pose_graph.selection.step_support import may_be_wrong
 from backend.pose_graph.selection.swap import swap_loops
 
@@ -39,21 +42,6 @@ _MANY_LOOPS = 5000
 """Loops beyond which the growth from odometry takes many minutes: a round accepts at most 150 of them."""
 
 
-@dataclass(frozen=True)
-class Selection:
-    """A set of consistent edges and its fit."""
-
-    kept: Mask
-    """(m,)."""
-    fit: GraphFit
-    innovation_sigma: Array
-    """(m,) innovations of the rejected edges, and residuals of the kept ones, in standard deviations."""
-    is_complete: bool = True
-    """False if the growth of the consistent set was cut off."""
-    disputed_odometry: tuple[str, ...] = ()
-    """Sentences about rejected loops that agree with each other, against odometry or with it."""
-
-
 def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None, noise: float) -> Selection:
     """Return the consistent edges and their fit.
 
@@ -62,9 +50,23 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None, noise:
     """
     judged = replace(gauge_fixed, problem=gauge_fixed.problem.with_noise(noise))
     found = _selected(judged, fit)
-    if noise == 1:
+    if noise != 1:
+        found = replace(found, fit=least_squares_fit(gauge_fixed, found.kept, found.fit.w_T))
+    if fit is None or not loses_most_loops(gauge_fixed.problem, found.kept):
         return found
-    return replace(found, fit=least_squares_fit(gauge_fixed, found.kept, found.fit.w_T))
+    return _without_false_loops(gauge_fixed, fit, found)
+
+
+def _without_false_loops(gauge_fixed: GaugeFixedProblem, fit: GraphFit, found: Selection) -> Selection:
+    """Return all edges where these need no false loop, and the selection that loses most loops otherwise."""
+    problem = gauge_fixed.problem
+    lowest = lowest_fit(gauge_fixed, fit, found.fit.w_T)
+    if not one_factor_explains(problem, lowest):
+        return found
+    everything = Selection.of(problem, np.ones_like(found.kept), lowest)
+    if lowest.test.passed or not are_selective(problem, lowest.w_T):
+        return everything
+    return everything if _is_more_probable(gauge_fixed, everything, found) else found
 
 
 def _selected(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection:
@@ -258,7 +260,7 @@ def thinned(problem: Problem, found: Selection, beside: Selection) -> Selection:
 def _fitted(gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array) -> Selection:
     kept = connected(gauge_fixed.problem, kept, np.ones_like(kept), w_T)
     fit = least_squares_fit(gauge_fixed, kept, w_T)
-    return Selection(kept, fit, np.linalg.norm(gauge_fixed.problem.residuals(fit.w_T), axis=1))
+    return Selection.of(gauge_fixed.problem, kept, fit)
 
 
 def _refit(gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array, candidate: Mask) -> Selection:

@@ -1,0 +1,68 @@
+"""The fit of all edges as the answer, where a selection loses most of the loops.
+
+A selection predicts loops by odometry to first order. Where the deviations of turns add up to a radian and
+more, no prediction holds, and true loops look false. Where all deviations are stated too small by one factor,
+all loops disagree with odometry. In both cases one explanation needs no false loop at all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.errors import BackendError
+from backend.pose_graph.elimination import elimination_exceeds
+from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, GraphFit, damped_fit, initial_poses
+from backend.pose_graph.problem import Problem
+from backend.pose_graph.selection.own_noise import are_selective
+from backend.quantiles import chi_square_limit
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_CHEAP = 1e8
+"""Floating-point operations of an elimination of which a hundred take seconds."""
+_SIGNIFICANCE = 0.001
+"""Probability that the largest residual of true edges exceeds its limit."""
+
+
+def loses_most_loops(problem: Problem, kept: Mask) -> bool:
+    """Return whether fewer than half of the loops are kept (m,)."""
+    loops = ~problem.trusted
+    return bool(2 * np.count_nonzero(kept & loops) < np.count_nonzero(loops))
+
+
+def lowest_fit(gauge_fixed: GaugeFixedProblem, fit: GraphFit, *starts: Array) -> GraphFit:
+    """Return the lowest of the fit of all edges and of damped descents from other starts (n, 4, 4).
+
+    Large graphs keep the first fit: a descent among false loops takes many steps.
+    """
+    problem = gauge_fixed.problem
+    if fit.test.passed or elimination_exceeds(_CHEAP, problem.count, problem.i, problem.j, problem.dof):
+        return fit
+    for start in (*starts, initial_poses(problem)):
+        if gauge_fixed.options.out_of_time():
+            break
+        try:
+            other = damped_fit(gauge_fixed, start)
+        except BackendError:
+            continue
+        fit = min(fit, other, key=lambda each: each.minimum.error)
+        if fit.test.passed:
+            break
+    return fit
+
+
+def one_factor_explains(problem: Problem, fit: GraphFit) -> bool:
+    """Return whether a fit of all edges is one of true edges whose deviations are off by one factor.
+
+    At that factor no residual may stand out, and a false loop would have to, unless it could not even at the
+    stated deviations.
+    """
+    if fit.test.passed:
+        return True
+    factor = float(np.sqrt(fit.test.statistic / fit.test.dof))
+    largest = float((problem.residuals(fit.w_T) ** 2).sum(axis=1).max()) / factor**2
+    if largest > chi_square_limit(_SIGNIFICANCE / len(problem.i), problem.dof):
+        return False
+    return are_selective(problem.with_noise(factor), fit.w_T) or not are_selective(problem, fit.w_T)
