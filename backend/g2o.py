@@ -27,6 +27,11 @@ from backend.wording import counted
 Array = NDArray[np.float64]
 
 _ROTATION_FIRST = np.array([3, 4, 5, 0, 1, 2])
+_TORO = {"VERTEX2": "VERTEX_SE2", "EDGE2": "EDGE_SE2"}
+"""Planar lines of TORO, and those of g2o that say the same."""
+_FROM_TORO = (0, 1, 4, 2, 5, 3)
+"""Place in TORO's information (xx, xy, yy, hh, xh, yh; h is the heading) of each element of g2o's upper
+triangle (xx, xy, xh, yy, yh, hh). Source: the format's definition at OpenSLAM, as gtsam reads it."""
 _QUATERNION_RANGE = (1e-6, 1e6)
 """Range of a quaternion's largest component; beyond it is a damaged line, not one without normalisation."""
 _UNIT_TOLERANCE = 1e-3
@@ -73,7 +78,11 @@ def read_g2o(path: str | Path) -> PoseGraph:
     if len(dimensions) == 2:
         raise BackendError(f"{name}: holds planar (SE2) and spatial (SE3) lines; split it into two files")
     if not dimensions:
-        raise BackendError(f"{name}: no VERTEX_SE2, EDGE_SE2, VERTEX_SE3:QUAT or EDGE_SE3:QUAT line in it")
+        toro = "VERTEX3" in text or "EDGE3" in text
+        raise BackendError(
+            f"{name}: no VERTEX_SE2, EDGE_SE2, VERTEX_SE3:QUAT or EDGE_SE3:QUAT line in it"
+            + ("; spatial lines of TORO (VERTEX3, EDGE3) are not read: convert them to g2o" if toro else "")
+        )
     dimension = dimensions.pop()
     blocks = {tag: _block(rows[tag], tag, name) for tag in rows if _TAGS[tag].dimension == dimension}
     vertex, edge = (blocks[tag] for tag in _TAGS if tag in blocks)
@@ -139,7 +148,13 @@ def _rows(
         fields = line.split()
         if not fields or fields[0].startswith("#"):
             continue
+        words = fields[0].count("_")
+        if fields[0] in _TORO:
+            fields = _of_toro(fields)
         tag = _TAGS.get(fields[0])
+        if tag is not None and line.count("_") > words:
+            # Python's numbers may hold one, those of the format may not.
+            raise BackendError(f"{name}:{number}: a number of {fields[0]} holds '_'; correct the line")
         if tag is None and fields[0] != "FIX":
             unknown[fields[0][:40]] += 1
             if fields[0].startswith("VERTEX") and len(fields) > 1 and fields[1].isdecimal():
@@ -163,6 +178,14 @@ def _rows(
             f"{counted(unknown.total(), 'line')} of kinds that are not used here skipped: {listed}"
         )
     return rows, fixed, others
+
+
+def _of_toro(fields: list[str]) -> list[str]:
+    """Return the fields of a planar TORO line as g2o has them."""
+    information = fields[6:]
+    if fields[0] == "EDGE2" and len(information) == len(_FROM_TORO):
+        information = [information[k] for k in _FROM_TORO]
+    return [_TORO[fields[0]], *fields[1:6], *information]
 
 
 def _integer(field: str, name: str, line: int) -> int:

@@ -56,6 +56,18 @@ def test_we_read_what_gtsam_writes(tmp_path: Path, dimension: int):
     assert mine == pytest.approx(ours.edge_factors().error(ours.values(ours.initial)), rel=5e-2)
 
 
+def test_planar_lines_of_toro_are_read_as_gtsam_reads_them(tmp_path: Path):
+    """TORO has the elements of the information in an order of its own."""
+    path = tmp_path / "g.graph"
+    path.write_text(
+        "VERTEX2 0 0 0 0\nVERTEX2 1 1.2 0.1 0.3\nEDGE2 0 1 1 0 0.2 50 1 60 700 2 3\n", encoding="ascii"
+    )
+    theirs, values = gtsam.load2D(str(path), noiseFormat=gtsam.NoiseFormat.NoiseFormatTORO)
+    problem = from_pose_graph(read_g2o(path))
+    mine = problem.edge_factors().error(problem.values(problem.initial))
+    assert theirs.error(values) == pytest.approx(mine, rel=1e-9)
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_round_trip_is_exact(tmp_path: Path, dimension: int):
     ours = graph(5, dimension)
@@ -140,6 +152,9 @@ def test_non_unit_quaternion_becomes_a_rotation(tmp_path: Path):
         (PLANAR.replace("SE2 1 1", "SE2 1 -1e300"), ":2: VERTEX_SE2 has a coordinate beyond"),
         (PLANAR.replace("1 0 0 10", "abc 0 0 10"), ":3: EDGE_SE2 has a field"),
         (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 x"), ":3: vertex 'x'"),
+        (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 0_0"), ":3: a number of EDGE_SE2 holds '_'"),
+        (PLANAR.replace("1 0 0 10", "1_0 0 0 10"), ":3: a number of EDGE_SE2 holds '_'"),
+        ("VERTEX3 0 0 0 0 0 0 0\n", "spatial lines of TORO"),
         (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 -1"), ":3: vertex '-1'"),
         (PLANAR.replace("10 0 10\n", "-10 0 10\n"), ":3: the information matrix is not positive"),
         (PLANAR.replace("10 0 0 10 0 10", "0 0 0 0 0 0"), ":3: the information matrix is not positive"),
