@@ -20,7 +20,7 @@ from backend.pose_graph.gauge_fixed_problem import (
     initial_poses,
     least_squares_fit,
 )
-from backend.pose_graph.marginals import posterior
+from backend.pose_graph.marginals import MAX_VARIANCE, posterior
 from backend.pose_graph.observability import unobserved
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.own_noise import own_noise
@@ -92,11 +92,13 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     minimum, w_T, contradictions = fit.minimum, fit.w_T, _contradictions(problem, fit)
     covariances: Array | None = None
     still_open: tuple[str, ...] = ()
+    unknown: list[str] = []
     if options.covariances:
         covariances = _posterior(gauge_fixed, kept, fit)
         if np.isnan(covariances).any():
             graph = gauge_fixed.graph(kept)
             still_open = tuple(unobserved(graph, minimum.values, problem.name))
+            unknown = [] if still_open else [_without_covariance(problem, covariances)]
     return SolvedComponent(
         w_T=w_T,
         covariances=covariances,
@@ -109,7 +111,7 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         held=held,
         open=still_open,
         doubts=tuple(s for s in (*contradictions, *disputes, "" if complete else _cut_off(problem)) if s),
-        warnings=(*_warnings(problem, fit), *contradictions),
+        warnings=(*_warnings(problem, fit), *contradictions, *unknown),
         contradictions=tuple(contradictions),
         disputed_odometry=disputes,
     )
@@ -123,6 +125,16 @@ def _posterior(gauge_fixed: GaugeFixedProblem, kept: Mask, fit: GraphFit) -> Arr
         range(gauge_fixed.problem.count),
         by_qr=_is_ill_scaled(gauge_fixed.problem),
     ).poses
+
+
+def _without_covariance(problem: Problem, covariances: Array) -> str:
+    """Return a sentence about poses that all measurements place, and whose deviations rounding dominates."""
+    lost = np.flatnonzero(np.isnan(covariances).any(axis=(1, 2)))
+    return (
+        f"{format_keys(lost.tolist(), problem.name)} have no standard deviations: those that the edges state"
+        f" are beyond {np.sqrt(MAX_VARIANCE):.0e} {problem.length_unit} or rad, or too small beside others;"
+        " give the information in metres and radians"
+    )
 
 
 def _is_ill_scaled(problem: Problem) -> bool:

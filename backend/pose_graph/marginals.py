@@ -16,7 +16,7 @@ from backend.se3 import PLANAR
 
 Array = NDArray[np.float64]
 
-_MAX_VARIANCE = 1e10
+MAX_VARIANCE = 1e10
 """Variance (rad^2, m^2) above which the result is dominated by rounding."""
 _MAX_ROUNDING = 1e-6
 """Error of a whitened covariance, at which a prediction could look like that of an edge without a check."""
@@ -120,7 +120,7 @@ def _embedded(covariances: Array) -> Array:
     """Return covariances (n, 6, 6) of poses from (n, 3, 3) or (n, 6, 6); NaN if rounding dominates them."""
     variance = np.diagonal(covariances, axis1=1, axis2=2)
     sound = np.isfinite(covariances).all(axis=(1, 2)) & (variance >= 0).all(axis=1)
-    sound &= (variance < _MAX_VARIANCE).all(axis=1)
+    sound &= (variance < MAX_VARIANCE).all(axis=1)
     place = np.arange(6) if covariances.shape[1] == 6 else PLANAR
     out = np.zeros((len(covariances), 6, 6))
     out[:, place[:, None], place] = covariances

@@ -41,6 +41,14 @@ def test_attitude_and_range_put_the_flight_level_at_its_height():
     assert _rmse(_onto_first(s.w_T_b, made.truth), made.truth) < 0.08
 
 
+def test_deviations_that_rounding_dominates_are_told():
+    made = graph(4, 3)
+    s = solve_pose_graph(replace(made, information=made.information * 2e-14))
+    assert s.covariances is not None
+    assert np.isnan(s.covariances).any()
+    assert any("have no standard deviations" in warning for warning in s.warnings)
+
+
 @pytest.mark.parametrize("kind", ["nothing", "attitude", "heading", "positions"])
 def test_what_is_held_is_what_nothing_measures(kind: str):
     made = {
