@@ -15,6 +15,7 @@ from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Truth
 from slam.core.geodesy import enu_from_geodetic
+from slam.evaluation.chord import off_the_chord
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,19 @@ class Association:
     between_rows: Array | None = None
     """(m, 2) interpolation errors of the truth itself, in rad and m; None for GPS."""
 
+    def of(self, which: NDArray[np.bool_], reason: str) -> Association:
+        """Return the association of some keyframes (m,); the others are left out for a reason."""
+        left_out = self.left_out | {reason: self.left_out.get(reason, 0) + int((~which).sum())}
+        w_T_b, between = (None if a is None else a[which] for a in (self.w_T_b, self.between_rows))
+        return replace(
+            self,
+            keyframe=self.keyframe[which],
+            position_m=self.position_m[which],
+            w_T_b=w_T_b,
+            left_out=left_out,
+            between_rows=between,
+        )
+
 
 def associate(estimate: Estimate, flight: Flight) -> Association:
     """Find the reference of each placed keyframe: the truth, or GPS where there is none.
@@ -56,7 +70,7 @@ def associate(estimate: Estimate, flight: Flight) -> Association:
     stamps_s = stamps_on_clock(estimate, flight)
     comparable, left_out = _comparable(estimate)
     if flight.truth is not None and len(flight.truth.stamps_s) > 0:
-        found = _with_truth(stamps_s, comparable, left_out, flight.truth)
+        found = _with_truth(estimate, stamps_s, comparable, left_out, flight.truth)
         span_s = flight.truth.stamps_s[[0, -1]]
     elif flight.gps is not None and len(flight.gps.stamps_s) > 0:
         found = _with_gps(estimate, flight, stamps_s, comparable, left_out)
@@ -141,7 +155,7 @@ def _count(left_out: dict[str, int], reason: str, mask: NDArray[np.bool_]) -> No
 
 
 def _with_truth(
-    stamps_s: Array, comparable: NDArray[np.bool_], left_out: dict[str, int], truth: Truth
+    estimate: Estimate, stamps_s: Array, comparable: NDArray[np.bool_], left_out: dict[str, int], truth: Truth
 ) -> Association:
     rows = complete_rows(truth)
     times_s, poses = rows.stamps_s, rows.w_T_b
@@ -157,13 +171,14 @@ def _with_truth(
     left, right = _neighbours(times_s, at_s)
     w_T_b = _interpolated(times_s, poses, at_s, left, right)
     missed = _missed_between_rows(times_s, poses, at_s, left, right)
+    by_map = off_the_chord(estimate, keyframe, at_s, w_T_b, times_s[left], times_s[right])
     return Association(
         reference="truth",
         keyframe=keyframe,
         position_m=w_T_b[:, :3, 3].copy(),
         w_T_b=w_T_b,
         left_out=left_out,
-        between_rows=missed,
+        between_rows=np.maximum(missed, by_map),
     )
 
 

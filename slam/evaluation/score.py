@@ -14,6 +14,7 @@ from slam.core.flight import Flight
 from slam.core.summary import without_nan
 from slam.evaluation.aligned_maps import AlignedMaps, aligned_maps
 from slam.evaluation.association import Association, associate, seeing_camera
+from slam.evaluation.coarse_truth import judged_by_truth, too_coarse
 from slam.evaluation.landmarks import (
     LandmarkDistance,
     LandmarkPlace,
@@ -127,7 +128,7 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
     """
     check_estimate(estimate)
     check_flight(flight)
-    association = associate(estimate, flight)
+    association = judged_by_truth(estimate, associate(estimate, flight))
     maps = aligned_maps(estimate, association)
     used = slice(0, association.dimensions)
     estimated_m, reference_m = maps.loops.w_T_b[:, :3, 3].copy(), association.position_m.copy()
@@ -137,7 +138,7 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
     motion = 6 if association.dimensions == 3 else 3
     rigid = umeyama(estimated_m, reference_m, with_scale=False)
     similar = umeyama(estimated_m, reference_m, with_scale=True)
-    coarse = _too_coarse(estimate, association)
+    coarse = too_coarse(estimate, association)
     unit_m = 1.0 if estimate.metric else similar.scale
     consistency, per_keyframe = _consistency(estimate, association, maps.loops.w_T_b, coarse, unit_m)
     landmarks, gaps = landmark_table(estimate, flight, association, maps, unit_m)
@@ -211,22 +212,6 @@ def _joint_errors(estimate: Estimate, keyframe: NDArray[np.int64]) -> Array:
     away = w_T_b[:, :3, 3] - w_T_b[0, :3, 3]
     in_body = np.einsum("nij,ni->nj", w_T_b[:, :3, :3], away)
     return np.asarray(np.pad(estimate.scale_std * in_body, ((0, 0), (3, 0)))[:, :, None])
-
-
-def _too_coarse(estimate: Estimate, association: Association) -> NDArray[np.bool_]:
-    """(m,) whether interpolation errors of the truth are as large as the estimate's own deviations.
-
-    The error of such a keyframe would be mostly the truth's. The first keyframe, the gauge of all, is
-    compared with the usual deviation.
-    """
-    coarse = np.zeros(len(association.keyframe), dtype=bool)
-    if association.between_rows is None or len(coarse) < 2:
-        return coarse
-    covariances = estimate.covariances[association.keyframe]
-    variances = np.diagonal(covariances, axis1=1, axis2=2).reshape(-1, 2, 3).max(axis=2)
-    deviations = np.sqrt(np.where(variances > 0, variances, np.inf))
-    deviations[0] = np.median(deviations[1:], axis=0)
-    return np.asarray((association.between_rows > deviations).any(axis=1))
 
 
 def _loops(estimate: Estimate, flight: Flight, association: Association) -> LoopScore | None:

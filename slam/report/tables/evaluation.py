@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.wording import counted
+from backend.wording import counted, either
 from slam.core.estimate import MAP_TRAJECTORIES
 from slam.core.figure_table import UNKNOWN, FigureTable
 from slam.core.units import length
+from slam.evaluation.coarse_truth import BETWEEN_ROWS
 from slam.evaluation.landmarks import LandmarkPlace, over_papers_ground
 from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
 from slam.report.tables.check_points import checked_lengths, off_check_points
@@ -236,7 +237,7 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
     rows = [
         (
             f"keyframes compared with {evaluation.reference}",
-            f"{evaluation.associated} of {evaluation.keyframes}",
+            f"{evaluation.associated} of {evaluation.keyframes}" + _between_rows(evaluation),
         ),
         (f"position error, {start}", _spread(evaluation.ate_m.rmse, evaluation.ate_m.max)),
         (
@@ -285,6 +286,11 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
         )
         rows.append(("keyframes with a true loop that have one", _share(loops.keyframe_recall)))
     return FigureTable("Against the reference", (), tuple(rows))
+
+
+def _between_rows(evaluation: Evaluation) -> str:
+    count = evaluation.left_out.get(BETWEEN_ROWS, 0)
+    return f"; {count} left out: {either(count, 'it is', 'they are')} {BETWEEN_ROWS}" if count else ""
 
 
 def _largest(figures: list[float]) -> float:

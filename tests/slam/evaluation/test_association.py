@@ -13,7 +13,8 @@ from slam.core.flight import Flight, Frames, GeoOrigin, Gps, Truth
 from slam.core.geodesy import geodetic_from_enu
 from slam.evaluation import evaluate
 from slam.evaluation.association import associate
-from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
+from slam.evaluation.coarse_truth import BETWEEN_ROWS
+from tests.slam.evaluation.scene import disturbed, estimate_of, flight_of, smooth_poses
 
 ORIGIN = GeoOrigin(48.1, 11.5, 520.0)
 
@@ -98,10 +99,41 @@ def test_a_coarse_truth_is_not_taken_for_wrong_covariances():
     fine, coarse = found[0.01], found[0.2]
     assert fine.too_coarse == 0
     assert 4.5 < fine.nees.pose.mean < 7.5
-    # One in four lies on a row.
-    assert 40 <= coarse.too_coarse <= 45
+    # One in four lies on a row, and the others have the truth's error alone.
+    assert 40 <= coarse.left_out[BETWEEN_ROWS] <= 45
     assert 3.5 < coarse.nees.pose.mean < 8.5
-    assert coarse.nees.left_out == coarse.too_coarse
+    assert coarse.associated == 60 - coarse.left_out[BETWEEN_ROWS]
+    assert coarse.ate_aligned_m.rmse == pytest.approx(fine.ate_aligned_m.rmse, rel=0.2)
+
+
+@pytest.mark.parametrize("every", [1, 4, 10, 30, 118])
+@pytest.mark.parametrize("std", [1e-3, 1e-2])
+def test_the_errors_of_few_rows_are_those_of_the_map(every: int, std: float):
+    """The truth has every n-th keyframe's pose, and the map its own noise alone."""
+    rng = np.random.default_rng(1)
+    true = smooth_poses(np.random.default_rng(1), 119)
+    estimate = estimate_of(
+        disturbed(rng, true, np.full(6, std)), covariances=np.tile(np.eye(6) * std**2, (119, 1, 1))
+    )
+    rows = np.arange(0, 119, every)
+    found = evaluate(estimate, flight_of(true, truth=Truth(rows * 0.25, true[rows])))
+    assert found.associated >= len(rows)
+    # The alignment of the first pose turns the others by its own error.
+    assert found.ate_m.rmse < 10 * std
+    assert found.ate_aligned_m.rmse < 3 * std or np.isnan(found.ate_aligned_m.rmse)
+    assert np.isnan(found.scale) or found.scale == pytest.approx(1.0, abs=3 * std)
+
+
+def test_a_noisy_map_is_compared_between_rows_too():
+    """Its own error is far more than what interpolation misses."""
+    rng = np.random.default_rng(2)
+    true = smooth_poses(np.random.default_rng(2), 119)
+    estimate = estimate_of(
+        disturbed(rng, true, np.full(6, 0.3)), covariances=np.tile(np.eye(6) * 0.09, (119, 1, 1))
+    )
+    rows = np.arange(0, 119, 2)
+    found = evaluate(estimate, flight_of(true, truth=Truth(rows * 0.25, true[rows])))
+    assert found.associated >= 118
 
 
 def test_other_epochs_and_truth_out_of_order_change_nothing():
