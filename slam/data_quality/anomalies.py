@@ -29,11 +29,11 @@ def stream_anomalies(flight: Flight) -> list[Finding]:
 def readings_in_words(flight: Flight) -> list[str]:
     """Return a line for each anomaly of a flight's streams, for readings of another axis or that jump, for
     noise that is larger than stated, and for commands that are on another clock."""
-    apart, late = log_apart(flight), clock_error(flight)
+    apart, late, found = log_apart(flight), clock_error(flight), stream_anomalies(flight)
     return [
-        *map(str, stream_anomalies(flight)),
+        *map(str, found),
         *map(str, wrong_axes(flight)[0]),
-        *map(str, jumps(flight)),
+        *map(str, jumps(_without_repeated(flight, found))),
         *larger_noise([flight]),
         *([apart] if apart else []),
         *([str(late)] if late is not None and not apart else []),
@@ -41,8 +41,8 @@ def readings_in_words(flight: Flight) -> list[str]:
 
 
 def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[Finding]]:
-    """Return the flights without repeated ranges and speeds of frozen instruments, and all anomalies of their
-    streams."""
+    """Return the flights without repeated ranges, speeds and attitudes of frozen instruments, and all
+    anomalies of their streams."""
     clean, anomalies = [], []
     for flight, name in zip(flights, flights_to_name([f.name for f in flights]), strict=True):
         found = stream_anomalies(flight)
@@ -59,4 +59,7 @@ def _without_repeated(flight: Flight, anomalies: Sequence[Finding]) -> Flight:
     if flight.velocity is not None and "velocity" in repeated:
         v_m_s = np.where(repeated["velocity"][:, None], np.nan, flight.velocity.v_m_s)
         flight = replace(flight, velocity=replace(flight.velocity, v_m_s=v_m_s))
+    if flight.attitude is not None and "attitude" in repeated:
+        angles_rad = np.where(repeated["attitude"][:, None], np.nan, flight.attitude.roll_pitch_yaw_rad)
+        flight = replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles_rad))
     return flight

@@ -16,7 +16,10 @@ LOG_CHANCE = -20.0
 """Logarithm of the greatest probability of a run of equal readings that counts, of about 10^5."""
 SHORTER = 2.0 / 3.0
 FEWEST_RUNS = 3
-"""Least number of frozen runs: a vehicle may stand on the floor before and after a flight."""
+"""Least number of frozen runs that may be at any value and at any time. Of fewer, those count that lie
+between other readings and within their range: a vehicle may stand on the floor before and after a flight."""
+SINGLE_S = 1.0
+"""Least duration of a single frozen run, in seconds."""
 RUN = 8
 """Number of equal successive readings, to the last digit, that noise does not make."""
 
@@ -35,10 +38,11 @@ class Frozen(Finding):
     """(n,) readings that repeat the one before within a frozen run."""
 
     def _text(self) -> str:
+        often = f"{len(self.begin_s)} times for about " if len(self.begin_s) > 1 else "for "
+        since = f"{'first ' if len(self.begin_s) > 1 else ''}at {self.begin_s[0]:.0f} s"
         return (
-            f"the {self.channel} repeats its reading {len(self.begin_s)} times for about "
-            f"{np.median(self.lasts_s):.2g} s, first at {self.begin_s[0]:.0f} s ({100 * self.share:.0f} % of "
-            "its readings)"
+            f"the {self.channel} repeats its reading {often}{np.median(self.lasts_s):.2g} s, {since} "
+            f"({100 * self.share:.0f} % of its readings)"
         )
 
 
@@ -58,6 +62,8 @@ def frozen(stream: InstrumentReadings) -> Frozen | None:
     stuck = length >= _shortest_improbable(length / float(np.median(length)), len(values)) * np.median(length)
     held = {tuple(reading) for reading in values[begin[stuck]].tolist()}
     if int(stuck.sum()) < FEWEST_RUNS or len(held) < FEWEST_RUNS:
+        stuck &= _within_others(times_s, values, begin, length)
+    if not stuck.any():
         return None
     repeated = np.zeros(len(finite), dtype=np.bool_)
     of_finite = np.flatnonzero(finite)
@@ -66,6 +72,16 @@ def frozen(stream: InstrumentReadings) -> Frozen | None:
     last = begin[stuck] + length[stuck] - 1
     lasts_s = times_s[last] - times_s[begin[stuck]]
     return Frozen(times_s[begin[stuck]], lasts_s, float(repeated.mean()), repeated, channel=stream.name)
+
+
+def _within_others(
+    times_s: Array, values: Array, begin: NDArray[np.int64], length: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which runs of equal readings are long, and lie within the others in time and in value."""
+    lasts_s, at = times_s[begin + length - 1] - times_s[begin], values[begin]
+    inside = ((at > values.min(axis=0)) & (at < values.max(axis=0)) & (at != 0.0)).all(axis=1)
+    inside[[0, -1]] = False
+    return np.asarray(inside & (lasts_s >= SINGLE_S))
 
 
 def _shortest_improbable(count: Array, readings: int) -> float:

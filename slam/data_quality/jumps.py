@@ -65,8 +65,8 @@ def jumps_of_all(flights: Sequence[Flight]) -> list[Jump]:
 def jumps(flight: Flight) -> list[Jump]:
     """Return the jumps of the flight's attitude and velocity, the greatest of each channel.
 
-    The integral is wrong near the floor and over gaps of the imu: no jump is told there. Where the attitude
-    jumps, none of the velocity is told, because the attitude turns the velocity into the world.
+    The integral is wrong near the floor and over gaps of imu and attitude: no jump is told there. Where the
+    attitude jumps, none of the velocity is told, because the attitude turns the velocity into the world.
     """
     noise_std = {stream.name: float(stream.noise_std.max()) for stream in streams_of(flight)}
     wrong_s, found = _wrong_integral(flight), []
@@ -93,6 +93,10 @@ def _wrong_integral(flight: Flight) -> Array:
     stamps = np.concatenate([[-np.inf], imu.stamps_s if imu is not None else [], [np.inf]])
     gaps = np.flatnonzero(np.diff(stamps) > LONGEST_GAP_S)
     spans_s = np.array([stamps[gaps], stamps[gaps + 1]])
+    if flight.attitude is not None:
+        known_s = flight.attitude.stamps_s[np.isfinite(flight.attitude.roll_pitch_yaw_rad).all(axis=1)]
+        gaps = np.flatnonzero(np.diff(known_s) > NODE_S)
+        spans_s = np.hstack([spans_s, [known_s[gaps], known_s[gaps + 1]]])
     if flight.sonar is None:
         return spans_s
     low_s = flight.sonar.stamps_s[flight.sonar.range_m <= LOWEST_M]

@@ -8,6 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from slam.data_quality.anomalies import readings_in_words, without_frozen
+from slam.data_quality.frozen import Frozen
 from slam.data_quality.jumps import jumps
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
@@ -50,6 +52,19 @@ def test_a_reset_is_told_with_its_size_and_its_moment(stream, field, column, siz
     assert (jump.channel, jump.count) == (channel, 1)
     assert jump.size == pytest.approx(told, rel=0.2)
     assert jump.time_s == pytest.approx(at_s, abs=0.2)
+
+
+def test_no_jump_is_told_where_the_attitude_is_frozen():
+    attitude = flown().attitude
+    angles, begin_s = attitude.roll_pitch_yaw_rad.copy(), attitude.stamps_s[0] + 14.0
+    stuck = (attitude.stamps_s >= begin_s) & (attitude.stamps_s < begin_s + 4.0)
+    angles[stuck] = angles[stuck][0]
+    flight = replace(flown(), attitude=replace(attitude, roll_pitch_yaw_rad=angles))
+    assert jumps(flight) != []
+    (clean,), (found,) = without_frozen([flight])
+    assert isinstance(found, Frozen)
+    assert jumps(clean) == []
+    assert not any("jumps" in line for line in readings_in_words(flight))
 
 
 def test_single_wrong_readings_are_no_jump():

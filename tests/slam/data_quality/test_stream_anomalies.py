@@ -69,6 +69,21 @@ def test_readings_that_often_equal_the_last_are_not_frozen(seed: int):
         assert frozen(replace(healthy, values=step * np.round((slow + noise) / step))) is None
 
 
+@pytest.mark.parametrize(
+    ("begin_s", "lasts_s", "told"), [(20.0, 5.0, True), (20.0, 0.5, False), (0.0, 5.0, False)]
+)
+def test_a_single_long_freeze_counts_between_other_readings(begin_s: float, lasts_s: float, told: bool):
+    healthy = stream()
+    at = np.searchsorted(healthy.stamps_s, begin_s)
+    stuck = (healthy.stamps_s >= begin_s) & (healthy.stamps_s < begin_s + lasts_s)
+    found = frozen(replace(healthy, values=np.where(stuck[:, None], healthy.values[at], healthy.values)))
+    assert (found is not None) == told
+    if found is not None:
+        assert str(found) == "the velocity repeats its reading for 5 s, at 20 s (8 % of its readings)"
+    at_rest = replace(healthy, values=np.where(stuck[:, None], 0.0, healthy.values))
+    assert frozen(at_rest) is None
+
+
 def test_an_instrument_at_its_limit_is_not_frozen():
     healthy = stream()
     assert frozen(replace(healthy, values=np.maximum(healthy.values, 0.0))) is None
