@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
+from slam.criticism.cause import LIKELY, Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import ResidualPattern
 from slam.criticism.search.expansion import CORRELATION_DIGITS
 from slam.criticism.verdict.over_time import SizeOverTime
@@ -105,11 +105,6 @@ class Criticism:
     def probable(self) -> list[Cause]:
         """Causes that are more probable than not."""
         return [c for c in self.causes if c.probability > LIKELY]
-
-    @property
-    def possible(self) -> list[Cause]:
-        """Causes that are not probable, but not excluded either."""
-        return [c for c in self.causes if FAINT <= c.probability <= LIKELY]
 
     @property
     def remainder(self) -> str:

@@ -182,12 +182,15 @@ def ranking(
 
 
 def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
-    """Return the cause with its size by roll-outs, and with their gain where they raised its probability."""
-    sizes = {}
+    """Return the cause with its size by roll-outs, and with their gain where they raised its probability.
+
+    Sizes that they do not fit, or that no flight of the fit shows, are those of the filter.
+    """
+    sizes = dict(cause.parameters)
     for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
-        # A term that roll-outs do not fit keeps its current value.
-        current = 0.0 if column in FREE else fitted_parameter(column).size_in(best.parameters)
-        sizes[name] = _interval(effect, k, WIDE * best.std.get(column, 0.0), best.parameters, current)
+        if std := best.std.get(column):
+            current = 0.0 if column in FREE else fitted_parameter(column).size_in(best.parameters)
+            sizes[name] = _interval(effect, k, WIDE * std, best.parameters, current)
     found = replace(cause, parameters=sizes)
     parts = np.array(best.nats.get(effect.name, ()))
     if best.probability(effect) < cause.probability - 1e-9:

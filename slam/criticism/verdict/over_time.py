@@ -29,6 +29,7 @@ from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURB
 from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
+from slam.criticism.verdict.held_out import held_out
 from slam.data_quality.finding import flights_to_name
 from slam.simulation.terms import CATALOGUE
 
@@ -274,7 +275,10 @@ def contradictions(
         if worst is None or worst.z < with_misfit(DISAGREE_Z, 0.0 if effect.is_saturation else whole.z):
             continue
         inconsistent[effect.name] = worst
-        if not effect.is_saturation and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
+        explained = whole.nats
+        if effect.is_saturation:  # no expansion shows what it explains
+            explained = np.inf if found.model.out_of_model else held_out(found).total
+        if max(a.excess for a in parts) > MOST_EXCESS * 2 * explained:
             refuted.add(effect.name)
     return inconsistent, refuted
 

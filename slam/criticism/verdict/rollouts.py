@@ -83,7 +83,6 @@ def rollout_residuals(
 
     ``filtered`` (events, >= 10) are their initial states.
     """
-    states = filtered[:, :MOVING]
     begins = np.arange(record.times_s[0] + SETTLE_S, record.times_s[-1] - horizon_s, START_EVERY_S)
     errors: dict[int, list[Array]] = {c: [np.zeros(0)] for c in BEYOND_IMU}
     if len(begins) == 0:
@@ -91,7 +90,7 @@ def rollout_residuals(
     start_at = np.searchsorted(record.times_s, begins)
     begins = record.times_s[start_at]
     steps = round(horizon_s / STEP_S)
-    start = np.column_stack([states[start_at], states[start_at, :2]])
+    start = np.column_stack([filtered[start_at, :MOVING], filtered[start_at, :2]])
     nodes = begins[:, None] + STEP_S * np.arange(steps + 1)
     fast = 1.0 + parameters.drift
     command = record.stick.mean(

@@ -86,7 +86,8 @@ def headline(found: Criticism) -> str:
             gain = f"They would have shown {seen} of {len(CATALOGUE)} effects at their usual sizes."
         case "unknown":
             first = _unknown(found)
-            gain = f"A part may be {_listed_causes(found.possible)}." if found.possible else ""
+            possible = [cause for cause in found.causes if FAINT <= cause.probability <= LIKELY]
+            gain = f"A part may be {_listed_causes(possible)}." if possible else ""
         case _:
             first = (_ambiguous if found.verdict == "ambiguous" else _named)(found)
             leads = [cause.gain for cause in found.causes[:1]]

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from slam.core.progress import silent
-from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
+from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import ResidualPattern
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.kernel_inputs import Perturbation
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import ScoreTest, most_alike_first
@@ -39,7 +40,9 @@ from slam.criticism.verdict.posterior import (
     posterior_of,
     probabilities,
 )
+from slam.criticism.verdict.rollout_fit import RolloutFit
 from slam.data_quality.finding import Remark
+from slam.simulation.model import load_model
 from slam.simulation.terms import CATALOGUE
 
 ODD = Effect("vehicle.drag_1_s out of range", relaxes=("vehicle.drag_1_s",))
@@ -397,3 +400,15 @@ def test_rounding_errors_do_not_change_which_pattern_is_strongest():
         )
         left = judge._judged(evidence).left
         assert [pattern.name for pattern in left] == ["c", "a", "b"]
+
+
+@pytest.mark.parametrize("std", [{}, {"gyro_bias.z": 0.0}])
+def test_a_size_that_roll_outs_do_not_show_keeps_its_interval(std):
+    """Its standard deviation there is no zero: nothing is known of it."""
+    fitted = {"z": Interval(1.88e-3, "rad/s", 1.51e-3, 2.25e-3)}
+    found = replace(cause("gyro_bias"), parameters=fitted)
+    bias = Effect("gyro_bias", (fitted_parameter("gyro_bias.z").perturbation,), (), ("z",))
+    best = RolloutFit(filter_parameters_of(load_model("nominal")), (bias,), std, (), {"gyro_bias": (1.0,)})
+    assert judge._with_rollout_size(found, bias, best).parameters == fitted
+    known = judge._with_rollout_size(found, bias, replace(best, std={"gyro_bias.z": 1e-3})).parameters["z"]
+    assert known.high - known.low == pytest.approx(2 * 1.96e-3, rel=0.01)

@@ -110,3 +110,26 @@ def test_a_delay_that_changes_is_told_of_its_instrument_and_has_no_sizes_over_ti
     assert changing_sizes(found, healthy, {late.name}) == ()
     changes = Inconsistency("during a flight", 50.0, is_cause=False, effect=late.name, z=9.0)
     assert concerned(Criticism("unknown", findings=(changes,))) == ["the attitude"]
+
+
+@pytest.mark.parametrize(
+    ("excess", "out_of_model", "refuted"),
+    [(3284.7, False, True), (300.0, False, False), (3284.7, True, False)],
+)
+def test_a_limit_that_contradicts_itself_more_than_it_gains_is_rejected(
+    monkeypatch, excess, out_of_model, refuted
+):
+    """Its gain is that of held-out flights, as no expansion about it shows what it explains."""
+    limit = Effect("tilt_limit", (fitted_parameter("tilt_limit.limit").perturbation,), (), ("limit",))
+    last = SimpleNamespace(score_tests=lambda rest, among: [SimpleNamespace(z=0.0, nats=0.0)])
+    model = SimpleNamespace(out_of_model=out_of_model)
+    found = SimpleNamespace(chosen=(limit,), last=last, model=model)
+    part = SimpleNamespace(fisher=SimpleNamespace(columns=()))
+    apart = over_time.Inconsistency("from channel to channel", excess, effect="tilt_limit", z=56.7)
+    for name, known in {"_parts_of": [part] * 3, "_precision": None, "_inconsistency": apart}.items():
+        monkeypatch.setattr(over_time, name, lambda *_, known=known: known)
+    monkeypatch.setattr(over_time, "held_out", lambda found: SimpleNamespace(total=498.3))
+    assert over_time.contradictions(found, None) == (
+        {"tilt_limit": apart},
+        {"tilt_limit"} if refuted else set(),
+    )
