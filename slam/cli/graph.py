@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 _MAX_STAMP_S = 9_000_000_000
 """Largest number that is a stamp in seconds: its nanoseconds fit 64 bits."""
 
+_LINEAR_RAD = 0.5
+"""Deviation of an attitude up to which covariances hold to a few percent: sin x is 4 % off x there."""
+
 
 def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
     """Read and solve a g2o graph; return the estimate and the solved graph with its kept edges.
@@ -33,6 +36,7 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
 
     from backend.g2o import read_g2o
     from backend.pose_graph.certificate import certify
+    from backend.pose_graph.lower_minimum import lower_minimum
     from backend.pose_graph.solve import solve_pose_graph
 
     start = time.perf_counter()
@@ -44,6 +48,13 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
         solved_s = time.perf_counter() - start
         progress("certify", 0, 0)
         certificate = certify(graph, solution)
+        # A gap is known where the graph is small enough for it, and so for more descents.
+        doubted = not certificate.certified and np.isfinite(certificate.gap)
+        lower = lower_minimum(graph, solution) if doubted else None
+        if lower is not None:
+            graph = replace(graph, poses=lower)
+            solution = solve_pose_graph(graph, on_step=lambda done, error: progress("solve", done, 0))
+            certificate = certify(graph, solution)
     certify_s = time.perf_counter() - start - solved_s
     timing_s = {"read": read_s, "solve": solved_s - read_s, "certify": certify_s}
     kept = solution.edge_kept
@@ -59,7 +70,25 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
     estimate = _estimate(path.stem, graph, solution, timing_s)
     if not certificate.certified:
         estimate = replace(estimate, warnings=(*estimate.warnings, certificate.sentence(solution.error)))
+        doubt = _other_arrangement(solution) if np.isfinite(certificate.gap) else ""
+        if doubt:
+            estimate = replace(estimate, status="; ".join(filter("ok".__ne__, (estimate.status, doubt))))
     return replace(estimate, certificate=certificate), solved
+
+
+def _other_arrangement(solution: Solution) -> str:
+    """Return a sentence if attitudes are so uncertain that the graph may have another minimum; else empty."""
+    if solution.covariances is None:
+        return ""
+    known = solution.covariances[np.isfinite(solution.covariances).all(axis=(1, 2))]
+    turn = float(np.sqrt(np.linalg.eigvalsh(known[:, :3, :3]).max(initial=0.0)))
+    if turn < _LINEAR_RAD:
+        return ""
+    return (
+        f"attitudes are uncertain by up to {np.degrees(turn):.0f} deg, and nothing certifies that no other"
+        " arrangement of the poses fits better: standard deviations hold to first order only, poses may be"
+        " further off; add edges, or ones of smaller deviations"
+    )
 
 
 def graph_record(path: Path) -> dict[str, Any]:

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
-_MOST_MAPS = 5
+_MOST_MAPS = 3
 """Groups that are solved with the odometry, those of most loops first: each takes three solves."""
 
 
