@@ -184,9 +184,18 @@ def _with_truth(
 
 def complete_rows(truth: Truth) -> Truth:
     """Return the complete rows of the truth in order of time, one for each time."""
-    known = np.isfinite(truth.w_T_b).all(axis=(1, 2)) & np.isfinite(truth.stamps_s)
+    known = _is_complete(truth)
     times_s, first = np.unique(truth.stamps_s[known], return_index=True)
     return Truth(times_s, truth.w_T_b[known][first])
+
+
+def _is_complete(truth: Truth) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(truth.w_T_b).all(axis=(1, 2)) & np.isfinite(truth.stamps_s))
+
+
+def incomplete_rows(truth: Truth) -> int:
+    """Return the number of rows that hold no whole pose."""
+    return int(np.count_nonzero(~_is_complete(truth)))
 
 
 def covered_by(times_s: Array, stamps_s: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

@@ -13,7 +13,7 @@ from slam.core.estimate import MAP_TRAJECTORIES, Estimate
 from slam.core.flight import Flight
 from slam.core.summary import without_nan
 from slam.evaluation.aligned_maps import AlignedMaps, aligned_maps
-from slam.evaluation.association import Association, associate, seeing_camera
+from slam.evaluation.association import Association, associate, incomplete_rows, seeing_camera
 from slam.evaluation.coarse_truth import judged_by_truth, too_coarse
 from slam.evaluation.landmarks import (
     LandmarkDistance,
@@ -94,6 +94,8 @@ class Evaluation:
     tracks: Tracks
     truth_clock: TruthClock | None = None
     """How late the truth's stamps are, where a shift of them at least halves the errors."""
+    incomplete_rows: int = 0
+    """Number of rows of the truth that hold no whole pose, as one with the quaternion 0 0 0 0."""
     metric: bool = True
     """Whether the estimate's lengths are metres, as those of the reference are."""
     trajectory_names: tuple[str, str, str] = MAP_TRAJECTORIES
@@ -111,6 +113,7 @@ class Evaluation:
             "ate_m": _errors(self.ate_m),
             "ate_aligned_m": _errors(self.ate_aligned_m),
             "ate_sim3_m": {**_errors(self.ate_sim3_m), "scale": self.scale},
+            "incomplete_truth_rows": self.incomplete_rows,
             "truth_clock": None if self.truth_clock is None else dict(vars(self.truth_clock)),
             "rpe": {error.step: _relative(error) for error in self.rpe},
             "nees": {**_nees(self.nees), "too_coarse": self.too_coarse},
@@ -163,6 +166,7 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
         landmarks_on_chain=landmarks_on_chain(estimate, flight, association),
         loops=_loops(estimate, flight, association),
         tracks=_tracks(estimate, flight, association, maps, per_keyframe),
+        incomplete_rows=0 if flight.truth is None else incomplete_rows(flight.truth),
         metric=estimate.metric,
         trajectory_names=estimate.trajectory_names,
     )

@@ -15,6 +15,7 @@ from slam.evaluation.coarse_truth import BETWEEN_ROWS
 from slam.evaluation.landmarks import LandmarkPlace, over_papers_ground
 from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
 from slam.report.tables.check_points import checked_lengths, off_check_points
+from slam.report.tables.truth import clock_of_truth, rows_about_truth, unit_of_truth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from slam.evaluation.map_gain import MapGain
     from slam.evaluation.nees import Consistency
     from slam.evaluation.score import Evaluation
-    from slam.evaluation.truth_clock import TruthClock
     from slam.mapping.live.mapper import LiveState
 
 _NEES = "is the stated uncertainty right?"
@@ -121,7 +121,7 @@ def _map_against_truth(evaluation: Evaluation) -> str:
             f"({_percent(without)} without loop closures). These known distances check its lengths."
         )
     if evaluation.truth_clock is not None:
-        text += f" But {_clock(evaluation.truth_clock)}."
+        text += f" But {clock_of_truth(evaluation.truth_clock)}."
     if evaluation.nees is not None:
         pose = evaluation.nees.pose
         if pose.mean > pose.upper95:
@@ -250,8 +250,7 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
             _spread(evaluation.ate_sim3_m.rmse, evaluation.ate_sim3_m.max),
         ),
     ]
-    if evaluation.truth_clock is not None:
-        rows.append(("clock of the truth", _clock(evaluation.truth_clock)))
+    rows += rows_about_truth(evaluation)
     if not evaluation.metric:
         rows.insert(
             0,
@@ -273,7 +272,7 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
             else "yes"
         )
         rows.append((_NEES, f"{verdict}: NEES {pose.mean:.2f}, right if {band}{without}"))
-    elif evaluation.too_coarse:
+    elif evaluation.too_coarse and not unit_of_truth(evaluation):
         rows.append((_NEES, f"cannot be judged: {coarse}"))
     if evaluation.loops is not None:
         loops = evaluation.loops
@@ -304,14 +303,6 @@ def _percent(value: float) -> str:
 
 def _share(value: float) -> str:
     return f"{100 * value:.0f} %" if np.isfinite(value) else UNKNOWN
-
-
-def _clock(clock: TruthClock) -> str:
-    way = "late" if clock.late_s > 0 else "early"
-    return (
-        f"the stamps of the truth look {abs(clock.late_s):.3f} s {way}: with that corrected, the aligned "
-        f"position error is typically {length(clock.ate_aligned_m)}; correct them, and evaluate again"
-    )
 
 
 def _spread(rmse: float, largest: float) -> str:
