@@ -48,6 +48,8 @@ _MCAP = typer.Option(
     show_default=False,
 )
 
+_ENDED = "slam: the flight ends here, and its map is made; press Ctrl-C again to stop without a map"
+
 
 def live(
     source: Annotated[Path, _SOURCE],
@@ -69,6 +71,7 @@ def live(
     from slam.cli.live_outputs import check_outputs, live_outputs
     from slam.cli.output_folder import output_folder
     from slam.cli.results import MosaicOptions, write_results
+    from slam.cli.signals import noted_interrupt
     from slam.cli.source import open_flight
     from slam.cli.tables import outcome_table
     from slam.core.errors import InputError
@@ -93,20 +96,21 @@ def live(
             return with_narrow_pictures(flight, width, _WHY_NARROW)
 
         flight = read() if follow is None else first_state(read, follow)
+        screen.line("Ctrl-C ends the flight, and the map is made of what was flown until then.")
         with LiveMapper(flight, settings) as mapper:
-            with live_outputs(mapper, flight, preview, mcap):
+            with live_outputs(mapper, flight, preview, mcap), noted_interrupt(_ENDED) as is_ended:
                 if follow is None:
-                    replay_flight(mapper, flight, speed, progress)
+                    replay_flight(mapper, flight, speed, progress, is_ended)
                 else:
-                    flight = follow_flight(mapper, read, follow, progress)
+                    follow_flight(mapper, read, follow, progress, is_ended)
                 mapper.close()
             state = mapper.state()
             frames, poses = mapper.keyframes()
             estimate = mapper.finish(progress)
-        tables = (live_table(state, live_error(frames, poses, estimate), estimate.metric),)
-        results = write_results(
-            folder, estimate, flight, MosaicOptions(mosaic, None, out), progress, Accuracy(tables)
-        )
+            tables = (live_table(state, live_error(frames, poses, estimate), estimate.metric),)
+            # The pictures of the map are those that were mapped; the folder may have changed since.
+            choice, accuracy = MosaicOptions(mosaic, None, out), Accuracy(tables)
+            results = write_results(folder, estimate, mapper.flight(), choice, progress, accuracy)
     screen.json_file(out / "summary.json")
     screen.print(outcome_table(results.facts, results.summary, results.mosaic))
     for table in tables:

@@ -6,8 +6,12 @@ as numba's compiler, the exception is only printed, and the library then fails f
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
@@ -36,6 +40,31 @@ def end_by_signals() -> None:
 def exit_code() -> int | None:
     """Return the exit code of a run that a signal asked to end; None where none did."""
     return 128 + _received[-1] if _received else None
+
+
+@contextmanager
+def noted_interrupt(told: str) -> Iterator[Callable[[], bool]]:
+    """Only note the first Ctrl-C in the block, and print a line; a second one interrupts as usual.
+
+    The value is a function that returns whether Ctrl-C was pressed.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    noted: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        signal.signal(signal.SIGINT, before)
+        os.write(2, f"{told}\n".encode())  # a print may be interrupted in the middle of another one
+
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or before is signal.SIG_IGN:
+        yield lambda: False
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(noted)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _end(number: int, frame: FrameType | None) -> NoReturn:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal
 import time
 from pathlib import Path
 
@@ -67,6 +69,47 @@ def test_a_growing_folder_is_mapped_to_its_end(recorded, tmp_path, monkeypatch):
         topics = [channel.topic for _, channel, _ in reader.iter_messages()]
     assert topics.count("/camera/image") == topics.count("/slam/pose") == summary["keyframes"]
     assert topics.count("/slam/links") == topics.count("/slam/path") > 0
+
+
+@pytest.mark.slow
+def test_a_table_that_is_started_anew_ends_no_flight(recorded, tmp_path, monkeypatch):
+    """The mosaic is drawn from the pictures that were mapped, not from those of the new table."""
+    growing, out = tmp_path / "growing", tmp_path / "out"
+    shutil.copytree(recorded, growing)
+    table = growing / "mav0/cam0/data.csv"
+    rows = table.read_text().splitlines(keepends=True)
+    looks = []
+
+    def started_anew(source):
+        table.write_text("".join(rows[:21] if len(looks) < 2 else [rows[0], *rows[21:]]))
+        looks.append(source)
+        return read_flight(source)
+
+    monkeypatch.setattr("slam.io.flight_folder.read_flight", started_anew)
+    result = CliRunner().invoke(app, ["live", str(growing), "--out", str(out), "--follow", "5", "--json"])
+    assert result.exit_code == 0, result.output
+    summary = json.loads(result.stdout)
+    assert summary["frames"] == len(rows) - 1
+    assert (out / "mosaic.png").exists()
+    assert any("20 pictures that were mapped are no longer in it" in line for line in summary["warnings"])
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_flight_and_its_map_is_made(recorded, tmp_path, monkeypatch, capfd):
+    looks = []
+
+    def interrupted(source):
+        looks.append(source)
+        if len(looks) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return read_flight(source)
+
+    monkeypatch.setattr("slam.io.flight_folder.read_flight", interrupted)
+    command = ["live", str(recorded), "--out", str(tmp_path / "out"), "--follow", "600", "--json"]
+    result = CliRunner().invoke(app, [*command, "--no-mosaic"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["frames"] == 36
+    assert "press Ctrl-C again to stop without a map" in capfd.readouterr().err
 
 
 @pytest.mark.slow

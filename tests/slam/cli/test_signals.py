@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -45,3 +46,18 @@ def test_an_error_that_follows_a_signal_is_not_reported(monkeypatch, capsys, num
         command()
     assert left.value.exit_code == code
     assert "internal error" not in capsys.readouterr().err
+
+
+def test_the_first_interrupt_is_noted_and_the_second_one_interrupts(capfd):
+    def press() -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    with signals.noted_interrupt("the flight ends here") as is_pressed:
+        assert not is_pressed()
+        press()
+        assert is_pressed()
+        with pytest.raises(KeyboardInterrupt):
+            press()
+    assert signal.getsignal(signal.SIGINT) is before
+    assert capfd.readouterr().err == "the flight ends here\n"
