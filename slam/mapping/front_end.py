@@ -24,6 +24,7 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight, Frames, Image
 from slam.core.progress import Progress
 from slam.mapping.config import PipelineConfig
+from slam.mapping.contradicted_step import ContradictedStep
 from slam.mapping.earlier_pass import EarlierPass, comparison_key
 from slam.mapping.floor_views import FloorViews
 from slam.mapping.obstacles import Masks, no_masks
@@ -64,6 +65,8 @@ class Observations:
     """Number of each frame that was not used -> reason."""
     contradicted: frozenset[tuple[int, int]] = frozenset()
     """Pairs (i, j) that verified, but that known poses or other pictures contradict."""
+    contradicted_steps: tuple[ContradictedStep, ...] = ()
+    """Steps of odometry that pairs of pictures contradict by one displacement."""
 
     def registered(self) -> list[list[IntermediateFrame]]:
         """Return, for each keyframe, the frames registered to it in tracking, in order.

@@ -69,35 +69,56 @@ class KnownPoses:
     """Whether the unit is the metre; else the height of the camera."""
 
 
+@dataclass(frozen=True)
+class Misplacements:
+    """How far the second ends of m edges lie from where the known poses have them."""
+
+    off: Array
+    """(m,) distance of measured and known place of j in i, in the units of the poses."""
+    limit: Array
+    """(m,) largest one that the uncertainty of both explains."""
+    is_known: NDArray[np.bool_]
+    """(m,) whether both ends lie in one part. Separate parts have no place relative to each other."""
+
+    @staticmethod
+    def of(edges: Sequence[RelativePose], known: KnownPoses, trust: LoopConfig) -> Misplacements:
+        """Compare edges, in the unit of the ``known`` poses, with these and with their covariances."""
+        assert known.covariances is not None
+        w_T_b, covariances = known.w_T_b, known.covariances
+        i, j = np.array([(r.i, r.j) for r in edges]).T
+        measured = np.array([r.i_T_j[:3, 3] for r in edges])
+        expected = np.einsum("mba,mb->ma", w_T_b[i, :3, :3], w_T_b[j, :3, 3] - w_T_b[i, :3, 3])
+        variance = sum(np.trace(c[:, 3:, 3:], axis1=1, axis2=2) for c in (covariances[i], covariances[j]))
+        variance = variance + np.array([np.trace(r.covariance[3:, 3:]) for r in edges])
+        limit = np.maximum(
+            trust.plausible_sigmas * np.sqrt(variance), trust.plausible_heights * known.height_m[i]
+        )
+        off = np.linalg.norm(measured - expected, axis=1)
+        return Misplacements(off, limit, known.component[i] == known.component[j])
+
+    @property
+    def beyond(self) -> NDArray[np.bool_]:
+        """(m,) whether an edge lies where the known poses cannot have it."""
+        return self.is_known & (self.off > self.limit)
+
+
 def implausible_edges(
     edges: Sequence[RelativePose], known: KnownPoses, trust: LoopConfig
 ) -> dict[tuple[int, int], Rejection]:
     """Edges that lie where the poses known so far cannot have them: (i, j) -> reason.
 
-    ``edges`` in the unit of ``known``. The distance between measured and known place of j in i is held
-    against the uncertainty of both. This separates a look-alike floor from a
-    place that was visited before. Pairs of separate parts are not checked.
+    ``edges`` in the unit of ``known``. This separates a look-alike floor from a
+    place that was visited before.
     """
     if known.covariances is None or not edges:
         return {}
-    w_T_b, covariances = known.w_T_b, known.covariances
-    i, j = np.array([(r.i, r.j) for r in edges]).T
-    measured = np.array([r.i_T_j[:3, 3] for r in edges])
-    expected = np.einsum("mba,mb->ma", w_T_b[i, :3, :3], w_T_b[j, :3, 3] - w_T_b[i, :3, 3])
-    variance = sum(np.trace(c[:, 3:, 3:], axis1=1, axis2=2) for c in (covariances[i], covariances[j]))
-    variance = variance + np.array([np.trace(r.covariance[3:, 3:]) for r in edges])
-    off = np.linalg.norm(measured - expected, axis=1)
-    limit = np.maximum(
-        trust.plausible_sigmas * np.sqrt(variance), trust.plausible_heights * known.height_m[i]
-    )
-    beyond = np.flatnonzero((off > limit) & (known.component[i] == known.component[j]))
+    placed, m = Misplacements.of(edges, known, trust), unit(known.metric)
     return {
-        (int(i[m]), int(j[m])): Rejection(
+        (edges[k].i, edges[k].j): Rejection(
             LinkCheck.PLACE,
-            f"{off[m]:.2f} {unit(known.metric)} from where the poses put it,"
-            f" at most {limit[m]:.2f} {unit(known.metric)} allowed",
+            f"{placed.off[k]:.2f} {m} from where the poses put it, at most {placed.limit[k]:.2f} {m} allowed",
         )
-        for m in beyond
+        for k in np.flatnonzero(placed.beyond).tolist()
     }
 
 

@@ -35,6 +35,7 @@ from slam.mapping.calibration.refuted import (
 )
 from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
+from slam.mapping.contradicted_odometry import contradicted_step, without_step
 from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.front_end import FrontEnd, Observations, TrackedPictures
 from slam.mapping.hidden_features import without_hidden
@@ -121,6 +122,7 @@ def close_loops(context: Context, chain: Map) -> Map:
         radius = search_radius(setup, heights, chain.graph)
         observations = context.front_end.close_loops(chain.observations, radius)
         _refuse_unless(len(observations.registrations) > 0, context.flight, observations)
+        chain, observations = _without_contradicted_steps(context, chain, observations)
         observations = _plausible(observations, setup, chain.known_poses())
         bridged = chain if context.flight.gps is not None else context.bridges.join_for_checks(chain)
         if bridged is not chain:
@@ -276,6 +278,21 @@ def _solved(
         metric=bool(edges.heights.metric.all()),
         height_std_m=(0.0,) * (int(component.max(initial=-1)) + 1),
     )
+
+
+def _without_contradicted_steps(
+    context: Context, chain: Map, found: Observations
+) -> tuple[Map, Observations]:
+    """Return chain and ``found`` pairs without the odometry that more pairs contradict than it has links."""
+    while True:
+        edges = lift_edges(found.registrations, context.setup).at_heights(chain.height_m)
+        step = contradicted_step(context.front_end, chain, found, edges)
+        if step is None:
+            return chain, found
+        found = without_step(found, chain, step)
+        if not step.left_out:
+            return chain, found
+        chain = odometry(context, without_step(chain.observations, chain, step))
 
 
 def _plausible(observations: Observations, setup: Setup, known: KnownPoses) -> Observations:

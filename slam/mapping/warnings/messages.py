@@ -35,6 +35,7 @@ from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.obstacles import echoes_in_map, range_contradiction
 from slam.mapping.warnings.accuracy_basis import Shares, scale_warning, vague_lengths_warning
+from slam.mapping.warnings.contradicted_steps import contradicted_step_warnings
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
 from slam.mapping.warnings.lean import lean_warning
@@ -170,6 +171,7 @@ def _reasons(
         lines_alone_warning(map_),
         unknown_focal_warning(flight, map_),
         *map_.graph.disputed_odometry,
+        *contradicted_step_warnings(flight, map_),
         *(
             found.warning
             for found in map_.stated_accuracy
