@@ -209,6 +209,7 @@ PACKAGES = {
             "triple",
             "compilation",
             "wording",
+            "whitening",
         ),
         ("gauge", "preintegration", "robust", "sparse_cholesky", "sparse_product"),
         ("pose_graph", "ekf", "inertial_scale"),
