@@ -81,7 +81,7 @@ def scaled_range_factor(
 
 
 def scaled_position_factor(
-    pose_key: int, world_key: int, w_p_b_m: Array, model: gtsam.noiseModel.Base, c_T_b: Array
+    pose_key: int, world_key: int, w_p_antenna_m: Array, model: gtsam.noiseModel.Base, c_T_b: Array
 ) -> gtsam.CustomFactor:
     """Return a position factor: A (s p + R t) + (0, 0, f) + o - measured, t the antenna in the camera."""
 
@@ -102,7 +102,7 @@ def scaled_position_factor(
             of_world[:, MOUNT] = AR @ t_cross @ rotation_jacobian(world, MOUNT)
             of_world[:, OFFSET], of_world[:, ANTENNA] = np.eye(3), AR @ turn @ c_T_b[:3, :3]
             jacobians[1] = of_world
-        off = A @ over_floor + world[OFFSET] - w_p_b_m
+        off = A @ over_floor + world[OFFSET] - w_p_antenna_m
         off[2] += world[FLOOR_Z]
         return np.asarray(off)
 

@@ -230,7 +230,7 @@ def _add_sensors(graph: SensorFactors, problem: BundleProblem, noise: NoiseLevel
             measured = np.isfinite(p.std_m)
             precision = np.where(measured, std_m**-2.0, 0.0)
             model = robust(gtsam.noiseModel.Diagonal.Precisions(precision), int(measured.sum()))
-            graph.add("position", scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
+            graph.add("position", scaled_position_factor(POSE(p.k), WORLD, p.w_p_antenna_m, model, c_T_b))
     if measurements.heights:
         ratio = over_typical([h.std_m for h in measurements.heights])
         for h, std in zip(measurements.heights, noise.height_m * ratio, strict=True):

@@ -222,7 +222,7 @@ def _position_noise(
     w_p_a = w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ world[ANTENNA] + world[OFFSET]
     over, stated = positions_over_typical(measurements.positions), _stated_position_noise(measurements)
     measured = np.isfinite([p.std_m for p in measurements.positions])
-    off = np.array([p.w_p_b_m - w_p_a[p.k] for p in measurements.positions])
+    off = np.array([p.w_p_antenna_m - w_p_a[p.k] for p in measurements.positions])
     noise = before.copy()
     for axes in (slice(0, 2), slice(2, 3)):
         rows = measured[:, axes].all(axis=1)

@@ -66,7 +66,7 @@ class Readings:
     """Range along the beam; see `FilterModel`."""
     velocity_m_s: Series | None = None
     """Horizontal velocity, forward and left, in axes that turn with yaw only."""
-    w_p_b_m: Series | None = None
+    w_p_antenna_m: Series | None = None
     """World positions (GPS); their height has an unknown zero."""
     barometer_m: Series | None = None
     """Height above an unknown zero."""
@@ -89,7 +89,7 @@ READINGS = {
     "attitude": "roll_pitch_yaw_rad",
     "range": "range_m",
     "velocity": "velocity_m_s",
-    "position": "w_p_b_m",
+    "position": "w_p_antenna_m",
     "barometer": "barometer_m",
     "rest": "rest_m_s",
     "still": "still_rad_s",

@@ -50,10 +50,13 @@ class SlantRange:
 
 @dataclass(frozen=True)
 class Position:
-    """Position of the body origin in the world at keyframe ``k`` (GPS after conversion)."""
+    """Position of the antenna in the world at keyframe ``k`` (GPS after conversion).
+
+    Its place on the body is `Measurements.antenna_m`.
+    """
 
     k: int
-    w_p_b_m: Array
+    w_p_antenna_m: Array
     """(3,)."""
     std_m: Array
     """(3,) standard deviation per axis; ``inf`` for an axis that was not measured."""

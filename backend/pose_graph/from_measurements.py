@@ -156,7 +156,7 @@ def _unary_factors(measurements: Measurements) -> tuple[tuple[UnaryFactor, ...],
             singles.append(unary_factors.slant_range(r, max(cos_tilt, 0.1)))
     for p in measurements.positions:
         _check_std(p.std_m, "position", p.k)
-        singles.append(unary_factors.position(p))
+        singles.append(unary_factors.position(p, measurements.antenna_m))
     unusable += sum(single is None for single in singles)
     messages = [f"{unusable} attitudes, ranges or positions without a usable figure were left out"]
     return tuple(single for single in singles if single is not None), messages if unusable else []

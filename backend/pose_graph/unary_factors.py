@@ -33,8 +33,10 @@ class UnaryFactor:
     heading_known: bool = False
     rows: int = 0
     """Number of coordinates that a position or range measures."""
-    w_p_b_m: Array = field(default_factory=lambda: np.full(3, np.nan))
-    """(3,) position, NaN for an axis that was not measured."""
+    w_p_m: Array = field(default_factory=lambda: np.full(3, np.nan))
+    """(3,) place of a point of the body in the world, NaN for an axis that was not measured."""
+    b_p_m: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) that point in body axes."""
     b_p_floor_m: Array = field(default_factory=lambda: np.full(3, np.nan))
     """(3,) floor point that a range measured, in body axes."""
 
@@ -63,7 +65,7 @@ def fixed(k: int, w_T: Array, dimension: int) -> UnaryFactor:
         kind="fixed",
         w_R_b=w_T[:3, :3],
         heading_known=True,
-        w_p_b_m=w_T[:3, 3],
+        w_p_m=w_T[:3, 3],
     )
 
 
@@ -115,26 +117,28 @@ def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> UnaryFactor:
     return UnaryFactor(k=measured.k, factor=factor, gaussian=gaussian, kind="range", b_p_floor_m=arm, rows=1)
 
 
-def position(measured: Position) -> UnaryFactor | None:
-    """Return the factor of a body position; None if no axis was measured.
+def position(measured: Position, antenna_m: Array = np.zeros(3)) -> UnaryFactor | None:
+    """Return the factor of a position of the antenna at ``antenna_m`` (3,) of the body; None if no axis was
+    measured.
 
     NaN or an infinite standard deviation marks an axis that was not measured.
     """
     with np.errstate(divide="ignore"):
-        weight = np.where(np.isfinite(measured.w_p_b_m), 1 / measured.std_m, 0)
+        weight = np.where(np.isfinite(measured.w_p_antenna_m), 1 / measured.std_m, 0)
     if not weight.any():
         return None
-    place = np.where(weight > 0, measured.w_p_b_m, 0)
+    place = np.where(weight > 0, measured.w_p_antenna_m, 0)
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.diag(weight), False)
-    gaussian = gtsam.GPSFactor(measured.k, place, noise)
+    gaussian = gtsam.GPSFactorArm(measured.k, place, antenna_m, noise)
     rows = int((weight > 0).sum())
-    factor = gtsam.GPSFactor(measured.k, place, robust(noise, rows))
+    factor = gtsam.GPSFactorArm(measured.k, place, antenna_m, robust(noise, rows))
     return UnaryFactor(
         k=measured.k,
         factor=factor,
         gaussian=gaussian,
         kind="position",
-        w_p_b_m=np.where(weight > 0, place, np.nan),
+        w_p_m=np.where(weight > 0, place, np.nan),
+        b_p_m=antenna_m,
         rows=rows,
     )
 
@@ -161,22 +165,27 @@ def aligned(w_T: Array, unary_factors: tuple[UnaryFactor, ...]) -> Array:
     """Align a rigid trajectory (n, 4, 4) to unary factors: an initial guess, not an estimate."""
     w_T = w_T.copy()
     rotations = [a for a in unary_factors if a.w_R_b is not None]
-    places = [a for a in unary_factors if np.isfinite(a.w_p_b_m).any()]
-    known = [a for a in places if np.isfinite(a.w_p_b_m).all()]
+    places = [a for a in unary_factors if np.isfinite(a.w_p_m).any()]
+    known = [a for a in places if np.isfinite(a.w_p_m).all()]
     if rotations:
         w_T = _rotated(w_T, _mean_rotation(w_T, rotations))
     elif len(known) >= 3:
         w_T = _rotated(w_T, _procrustes(w_T, known, planar=False))
-    flat = [a for a in places if np.isfinite(a.w_p_b_m[:2]).all()]
+    flat = [a for a in places if np.isfinite(a.w_p_m[:2]).all()]
     if not any(a.heading_known for a in rotations) and len(flat) >= 2:
         w_T = _rotated(w_T, _procrustes(w_T, flat, planar=True))
     for axis in range(3):
-        shift = [a.w_p_b_m[axis] - w_T[a.k, axis, 3] for a in places if np.isfinite(a.w_p_b_m[axis])]
+        shift = [a.w_p_m[axis] - _place(w_T, a)[axis] for a in places if np.isfinite(a.w_p_m[axis])]
         if axis == 2 and not shift:
             shift = [-w_T[a.k, 2] @ [*a.b_p_floor_m, 1] for a in unary_factors if a.kind == "range"]
         if shift:
             w_T[:, axis, 3] += np.median(shift)
     return w_T
+
+
+def _place(w_T: Array, unary: UnaryFactor) -> Array:
+    """Return the place (3,) on the trajectory (n, 4, 4) of the point that a factor measures."""
+    return np.asarray(w_T[unary.k, :3, :3] @ unary.b_p_m + w_T[unary.k, :3, 3])
 
 
 def _rotated(w_T: Array, R: Array) -> Array:
@@ -196,8 +205,8 @@ def _mean_rotation(w_T: Array, rotations: list[UnaryFactor]) -> Array:
 
 def _procrustes(w_T: Array, places: list[UnaryFactor], planar: bool) -> Array:
     """Return the rotation from trajectory to measured positions; later passes exclude outliers."""
-    p = np.array([w_T[a.k, :3, 3] for a in places])
-    q = np.array([a.w_p_b_m for a in places])
+    p = np.array([_place(w_T, a) for a in places])
+    q = np.array([a.w_p_m for a in places])
     if planar:
         p[:, 2] = q[:, 2] = 0
     use = np.ones(len(p), dtype=bool)

@@ -12,7 +12,7 @@ def track_accuracy_basis(readings: Readings, trust: InertialTrust, lasts_s: floa
 
     It is empty where two instruments check each other, and where the track drifts without any.
     """
-    flow, positions = readings.velocity_m_s is not None, readings.w_p_b_m is not None
+    flow, positions = readings.velocity_m_s is not None, readings.w_p_antenna_m is not None
     if flow and not positions:
         # At a constant velocity gyro and accelerometer read what they read at rest, but for the drag
         # (`slam.inertial.drag_check`). The errors of the velocity that the filter has as states last for a

@@ -124,7 +124,7 @@ def filter_input(
         roll_pitch_yaw_rad=attitude_of(flight, trust),
         range_m=range_of(flight, trust),
         velocity_m_s=velocity_of(flight, trust),
-        w_p_b_m=positions_of(flight, trust),
+        w_p_antenna_m=positions_of(flight, trust),
         barometer_m=barometer_of(flight, trust),
         rest_m_s=zeros_at(rest_s, _REST_STD[0]),
         still_rad_s=zeros_at(rest_s, _REST_STD[1]),
@@ -232,7 +232,7 @@ def _start(
     flight: Flight, readings: Readings, trust: InertialTrust, start_s: float, adjustments: Adjustments
 ) -> InitialState:
     """Return the initial state from the first readings, the first picture and the heading that was found."""
-    positions, first = readings.w_p_b_m, adjustments.start
+    positions, first = readings.w_p_antenna_m, adjustments.start
     heading = adjustments.heading or StartHeading(0.0, START_YAW_STD_RAD if positions is not None else 0.0)
     w_R_b, tilt_std = _first_rotation(readings, start_s, trust.tilt_error_rad, heading.yaw_rad)
     height_m, height_std_m = _first_height(flight, readings, start_s, first)
@@ -264,7 +264,7 @@ def _start(
 def _first_place(flight: Flight, readings: Readings, w_R_b: Array) -> tuple[tuple[float, float], float]:
     """Return the place (x, y) of the body's origin at the start in metres, and its standard deviation along
     each axis; ``w_R_b`` (3, 3) is the rotation there."""
-    positions = readings.w_p_b_m
+    positions = readings.w_p_antenna_m
     if positions is None:
         return (0.0, 0.0), 0.0
     assert flight.gps is not None
@@ -291,7 +291,7 @@ def _first_height(
 
 
 def _with_altitude(readings: Readings) -> bool:
-    positions = readings.w_p_b_m
+    positions = readings.w_p_antenna_m
     return positions is not None and bool(np.isfinite(positions.values[:, 2]).any())
 
 

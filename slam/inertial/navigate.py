@@ -73,7 +73,7 @@ def navigate(
             flight, contradictions = checked(flight, trust)
             inputs = identify_noise(flight, trust, progress)
         at_s = _times(flight, inputs, rate_hz)
-        absolute = inputs.readings.w_p_b_m is not None
+        absolute = inputs.readings.w_p_antenna_m is not None
         with clock("filter"):
             track = filter_motion(inputs, at_s, keep="none" if absolute else "first", progress=progress)
     assert track.smoothed is not None
@@ -173,7 +173,7 @@ def dead_reckoning(flight: Flight, w_T_b: Array, at_s: Array) -> Array:
 def _heading(inputs: FilterInput, states: States) -> float:
     """Return the yaw that aligns the world with the median of the on-board yaw; 0 with GPS."""
     own = inputs.readings.roll_pitch_yaw_rad
-    if inputs.readings.w_p_b_m is not None or own is None or not np.isfinite(own.values[:, 2]).any():
+    if inputs.readings.w_p_antenna_m is not None or own is None or not np.isfinite(own.values[:, 2]).any():
         return 0.0
     return float(np.median(states.errors["own_attitude"][:, 2]))
 
@@ -202,7 +202,7 @@ def _rotated(states: States, yaw_rad: float) -> States:
 def _unobserved(inputs: FilterInput, position_std_m: float) -> list[str]:
     """Return warnings about quantities without a measurement."""
     readings, messages = inputs.readings, []
-    if readings.velocity_m_s is None and readings.w_p_b_m is None:
+    if readings.velocity_m_s is None and readings.w_p_antenna_m is None:
         messages.append(
             "neither velocity nor position was measured: the position drifts, "
             f"to ±{position_std_m:.2g} m at the end"
@@ -213,7 +213,9 @@ def _unobserved(inputs: FilterInput, position_std_m: float) -> list[str]:
             "the heading is unknown: no yaw was measured, and the positions fit several headings; give "
             "attitude0 a yaw, or fly with changes of speed"
         )
-    with_altitude = readings.w_p_b_m is not None and np.isfinite(readings.w_p_b_m.values[:, 2]).any()
+    with_altitude = (
+        readings.w_p_antenna_m is not None and np.isfinite(readings.w_p_antenna_m.values[:, 2]).any()
+    )
     if readings.range_m is None and not with_altitude:
         messages.append("neither range nor altitude was measured: heights are relative to the start")
     return messages
@@ -221,7 +223,7 @@ def _unobserved(inputs: FilterInput, position_std_m: float) -> list[str]:
 
 def _lost_in_pauses(inputs: FilterInput, at_s: Array, position_std_m: Array) -> list[str]:
     """Return a message where a pause of all instruments of the motion causes most of the position's error."""
-    motion = (inputs.readings.gyro_rad_s, inputs.readings.velocity_m_s, inputs.readings.w_p_b_m)
+    motion = (inputs.readings.gyro_rad_s, inputs.readings.velocity_m_s, inputs.readings.w_p_antenna_m)
     stamps_s = np.unique(np.concatenate([series.stamps_s for series in motion if series is not None]))
     gaps = np.flatnonzero(np.diff(stamps_s) > _LEAST_PAUSE_S)
     lost = []

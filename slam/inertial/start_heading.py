@@ -40,7 +40,7 @@ def find_start_heading(flight: Flight, trust: InertialTrust, lasts_s: float) -> 
     """
     readings = filter_input(flight, trust).readings
     own = readings.roll_pitch_yaw_rad
-    if readings.w_p_b_m is None or (own is not None and np.isfinite(own.values[:, 2]).any()):
+    if readings.w_p_antenna_m is None or (own is not None and np.isfinite(own.values[:, 2]).any()):
         return None
     scores, ends_rad = np.full(len(_HEADINGS_RAD), -np.inf), np.zeros(len(_HEADINGS_RAD))
     for k, heading_rad in enumerate(_HEADINGS_RAD.tolist()):

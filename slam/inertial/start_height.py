@@ -45,7 +45,7 @@ def find_picture_start(
     if not steps:
         return None
     readings = filter_input(flight, trust).readings
-    if readings.range_m is not None or readings.w_p_b_m is not None:
+    if readings.range_m is not None or readings.w_p_antenna_m is not None:
         return None
     first_s = float(stamps_s[steps[0].i])
     scores = []

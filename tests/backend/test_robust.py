@@ -50,7 +50,7 @@ def test_each_factor_keeps_its_weight_up_to_the_limit_of_its_size(name):
 def test_an_axis_that_was_not_measured_does_not_count():
     made = make(SCENES["gps"], 0)
     (first, *_) = made.measurements.positions
-    flat = type(first)(0, first.w_p_b_m, np.array([1.0, 1.0, np.inf]))
+    flat = type(first)(0, first.w_p_antenna_m, np.array([1.0, 1.0, np.inf]))
     reading = make(SCENES["sonar"], 0).measurements.ranges[0]
     values = gtsam.Values()
     values.insert(POSE(0), gtsam.Pose3())

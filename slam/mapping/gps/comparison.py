@@ -41,7 +41,9 @@ class FixComparison:
         """Return the comparison that leaves out the fixes that repeat a place while the level, unplaced poses
         ``w_T_b`` (m, 4, 4) move."""
         here_m = self.fixes.on_map(self.stamps_s, w_T_b)
-        return replace(self, moved_m=moved_since_m(here_m, self.fixes.w_p_b_m, metric, self.fixes.std_m))
+        return replace(
+            self, moved_m=moved_since_m(here_m, self.fixes.w_p_antenna_m, metric, self.fixes.std_m)
+        )
 
     @property
     def stale(self) -> NDArray[np.bool_]:
@@ -50,18 +52,18 @@ class FixComparison:
 
     def refined(self, offset_m: Array, antenna_m: Array) -> FixComparison:
         """Return the comparison of fixes less an offset (3,) they share, for an estimated antenna (3,)."""
-        moved = replace(self.fixes, w_p_b_m=self.fixes.w_p_b_m - offset_m, antenna_m=antenna_m)
+        moved = replace(self.fixes, w_p_antenna_m=self.fixes.w_p_antenna_m - offset_m, antenna_m=antenna_m)
         return replace(self, fixes=moved)
 
     def rough(self, w_T_b: Array, metric: bool) -> Agreement:
         """Compare with the level, unplaced poses ``w_T_b`` (m, 4, 4)."""
         here_m = self._covered(w_T_b)
-        agreement = rough_agreement(here_m, self.fixes.w_p_b_m, metric, self.fixes.std_m)
+        agreement = rough_agreement(here_m, self.fixes.w_p_antenna_m, metric, self.fixes.std_m)
         return agreement.without(self.stale)
 
     def exact(self, w_T_b: Array, map_std_m: Array | None = None) -> Agreement:
         """Compare with the refined poses ``w_T_b`` (m, 4, 4), known to ``map_std_m`` (n, 3) at the fixes."""
-        off_m = self.fixes.w_p_b_m - self._covered(w_T_b)
+        off_m = self.fixes.w_p_antenna_m - self._covered(w_T_b)
         return exact_agreement(off_m, self.fixes.each_std_m, map_std_m).without(self.stale)
 
     def _covered(self, w_T_b: Array) -> Array:

@@ -25,7 +25,7 @@ class Fixes:
 
     stamps_s: Array
     """(n,)."""
-    w_p_b_m: Array
+    w_p_antenna_m: Array
     """(n, 3) east, north, up of the origin; up is NaN without a usable altitude."""
     std_m: tuple[float, float, float]
     """Nominal standard deviations east, north, up."""
@@ -70,13 +70,13 @@ class Fixes:
 
     def only(self, used: NDArray[np.bool_], altitude_used: NDArray[np.bool_]) -> Fixes:
         """Return the fixes of the mask ``used`` (n,), without the altitudes outside ``altitude_used``."""
-        w_p_b_m = self.w_p_b_m.copy()
-        w_p_b_m[~altitude_used, 2] = np.nan
+        w_p_antenna_m = self.w_p_antenna_m.copy()
+        w_p_antenna_m[~altitude_used, 2] = np.nan
         names = tuple(name for name, keep in zip(self.names, used, strict=True) if keep)
         return replace(
             self,
             stamps_s=self.stamps_s[used],
-            w_p_b_m=w_p_b_m[used],
+            w_p_antenna_m=w_p_antenna_m[used],
             names=names,
             suspect=self.suspect[used],
             stds_m=None if self.stds_m is None else self.stds_m[used],
@@ -85,7 +85,7 @@ class Fixes:
     def at(self, at_s: Array) -> tuple[Position, ...]:
         """Return the position of each keyframe at the times ``at_s`` (k,) that lies on or between fixes."""
         where = _between(self.stamps_s, at_s)
-        values, stds_m = _interpolated(self.w_p_b_m, where), _interpolated(self.each_std_m, where)
+        values, stds_m = _interpolated(self.w_p_antenna_m, where), _interpolated(self.each_std_m, where)
         positions = []
         for k in np.flatnonzero(np.isfinite(values[:, :2]).all(axis=1)):
             flat = bool(np.isnan(values[k, 2]))
@@ -117,7 +117,7 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
     if gps is None or check is None or origin is None:
         return None
     known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg)
-    w_p_b_m = enu_from_geodetic(
+    w_p_antenna_m = enu_from_geodetic(
         gps.latitude_deg[known], gps.longitude_deg[known], gps.altitude_m[known], origin
     )
     stamps_s = gps.stamps_s[known]
@@ -125,7 +125,7 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
     stamps_s = stamps_s[order]
     return Fixes(
         stamps_s=stamps_s,
-        w_p_b_m=w_p_b_m[order],
+        w_p_antenna_m=w_p_antenna_m[order],
         std_m=gps.noise_std_m,
         stated=not gps.noise_assumed,
         names=flight.picture_names(stamps_s),

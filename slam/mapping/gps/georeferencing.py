@@ -23,7 +23,10 @@ def align_with_positions(
     known = [p for p in positions if np.isfinite(w_T_b[p.k]).all()]
     high = any(np.isfinite(p.std_m[2]) for p in known)
     # Without any altitude the cameras stay at that of the origin.
-    there = [p.w_p_b_m if np.isfinite(p.std_m[2]) or not high else [*p.w_p_b_m[:2], np.nan] for p in known]
+    there = [
+        p.w_p_antenna_m if np.isfinite(p.std_m[2]) or not high else [*p.w_p_antenna_m[:2], np.nan]
+        for p in known
+    ]
     here = np.array([w_T_b[p.k, :3, 3] for p in known]).reshape(-1, 3)
     return align_with_places(w_T_b, here, np.array(there).reshape(-1, 3), metric)
 

@@ -51,7 +51,7 @@ def _std_by_positions(bundle: Bundle, across: Array) -> float:
     """Return the standard deviation in rad of a slope along the unit vector (2,) by heights alone: those of
     positions, and those of control points."""
     measured, noise = bundle.optimum.problem.measurements, bundle.noise
-    positions = [p.w_p_b_m for p in measured.positions if np.isfinite(p.std_m[2])]
+    positions = [p.w_p_antenna_m for p in measured.positions if np.isfinite(p.std_m[2])]
     control = [p for p in measured.control if np.isfinite(p.std_m[2])]
     survey_m = noise.control * float(np.median([p.std_m[2] for p in control])) if control else np.inf
     # Both may lie at different heights, so that each tells the slope about its own middle.

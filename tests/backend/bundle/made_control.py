@@ -56,6 +56,6 @@ def refined(
     made = make(scene, seed)
     points, places = surveyed(made, seed)
     points[0] = replace(points[0], w_p_m=points[0].w_p_m + [wrong_m, 0, 0])
-    shifted = [replace(p, w_p_b_m=p.w_p_b_m + datum_m) for p in made.measurements.positions]
+    shifted = [replace(p, w_p_antenna_m=p.w_p_antenna_m + datum_m) for p in made.measurements.positions]
     measured = replace(made.measurements, positions=tuple(shifted), control=tuple(points[:6]))
     return made, refine(measured, made.start, made.floor_z_m), points, places

@@ -22,7 +22,8 @@ def flown(seed: int, scene: Scene = RTK) -> Made:
     headings = np.random.default_rng(100 + seed).integers(0, 4, scene.keyframes)
     made = turned(make(scene, seed), headings)
     positions = tuple(
-        replace(p, w_p_b_m=p.w_p_b_m + made.w_T_b[p.k, :3, :3] @ ARM_M) for p in made.measurements.positions
+        replace(p, w_p_antenna_m=p.w_p_antenna_m + made.w_T_b[p.k, :3, :3] @ ARM_M)
+        for p in made.measurements.positions
     )
     return replace(made, measurements=replace(made.measurements, positions=positions))
 

@@ -84,7 +84,7 @@ def test_one_position_far_off_leaves_scale_and_noise_as_they_are():
     made = make(replace(SURVEY, points_in_view=15), 0)
     clean = refine(made.measurements, made.start, made.floor_z_m)
     first, *others = made.measurements.positions
-    moved = replace(first, w_p_b_m=first.w_p_b_m + [400.0, 0.0, 0.0])
+    moved = replace(first, w_p_antenna_m=first.w_p_antenna_m + [400.0, 0.0, 0.0])
     with_outlier = refine(replace(made.measurements, positions=(moved, *others)), made.start, made.floor_z_m)
     assert with_outlier.noise.position_m[0] < 2.5 * clean.noise.position_m[0]
     assert with_outlier.scale_std < 2.5 * clean.scale_std
@@ -120,7 +120,11 @@ def test_a_missing_altitude_has_no_influence():
     """Half of the positions have none: their values are those of the origin, far below the others."""
     made = make(replace(SURVEY, position_std_m=(0.5, 0.5), points_in_view=15), 1)
     flat = [
-        replace(p, w_p_b_m=p.w_p_b_m * [1, 1, 0] - [0, 0, 500.0 * k], std_m=np.array([*p.std_m[:2], np.inf]))
+        replace(
+            p,
+            w_p_antenna_m=p.w_p_antenna_m * [1, 1, 0] - [0, 0, 500.0 * k],
+            std_m=np.array([*p.std_m[:2], np.inf]),
+        )
         if p.k % 2
         else p
         for k, p in enumerate(made.measurements.positions)
@@ -142,7 +146,7 @@ def test_exact_positions_count_more_than_coarse_ones():
     made = make(replace(SURVEY, position_std_m=(0.02, 0.02), points_in_view=15), 2)
     rng = np.random.default_rng(0)
     mixed = [
-        replace(p, w_p_b_m=p.w_p_b_m + rng.normal(0.5, 1.0, 3), std_m=np.array([2.0, 2.0, 2.0]))
+        replace(p, w_p_antenna_m=p.w_p_antenna_m + rng.normal(0.5, 1.0, 3), std_m=np.array([2.0, 2.0, 2.0]))
         if p.k % 2
         else replace(p, std_m=np.full(3, 0.02))
         for p in made.measurements.positions

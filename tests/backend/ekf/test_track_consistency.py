@@ -101,7 +101,7 @@ def test_places_of_imu_and_antenna_move_no_pose(clone):
     fixes_s, b_p_imu_m, b_p_antenna_m = np.arange(0.1, 10.0, 0.2), (0.4, -0.2, 0.1), (-1.0, 0.5, 0.3)
     places = flight.position.at(fixes_s) + rng.normal(0, 0.1, (len(fixes_s), 3))
     readings = replace(
-        readings, velocity_m_s=None, range_m=None, w_p_b_m=Series(fixes_s, places, np.full(3, 0.1))
+        readings, velocity_m_s=None, range_m=None, w_p_antenna_m=Series(fixes_s, places, np.full(3, 0.1))
     )
     start = replace(start_of(flight, readings, rng), place_std_m=0.5)
     accel = readings.accel_m_s2
@@ -112,7 +112,9 @@ def test_places_of_imu_and_antenna_move_no_pose(clone):
     moved = replace(
         readings,
         accel_m_s2=replace(accel, values=accel.values + across),
-        w_p_b_m=Series(fixes_s, places + flight.w_T_b(fixes_s)[:, :3, :3] @ b_p_antenna_m, np.full(3, 0.1)),
+        w_p_antenna_m=Series(
+            fixes_s, places + flight.w_T_b(fixes_s)[:, :3, :3] @ b_p_antenna_m, np.full(3, 0.1)
+        ),
     )
     levers = replace(model, b_p_imu_m=b_p_imu_m, b_p_position_m=b_p_antenna_m)
     one = track(readings, at_s, start, model, clone=clone).smoothed

@@ -65,7 +65,7 @@ def run_straight(straight, **options):
     read_s, asked_s, values = straight
     start = InitialState(0.0, 0.0, np.eye(3), tilt_std_rad=1e-9, velocity_std_m_s=0.5, accel_std_m_s2=2.0)
     start = replace(start, rate_std_rad_s=1e-9)
-    readings = Readings(w_p_b_m=Series(read_s, values, np.full(3, 0.2)))
+    readings = Readings(w_p_antenna_m=Series(read_s, values, np.full(3, 0.2)))
     return track(readings, asked_s, start, line_model(gate_probability=1e-300), **options)
 
 

@@ -151,10 +151,27 @@ def test_no_edge_is_rejected_where_the_whole_fits():
 
 def test_positions_with_outliers_do_not_pull():
     made = flight(6, position_std=0.1)
-    bad = [replace(p, w_p_b_m=p.w_p_b_m + 20.0) if p.k % 12 == 0 else p for p in made.measurements.positions]
+    bad = [
+        replace(p, w_p_antenna_m=p.w_p_antenna_m + 20.0) if p.k % 12 == 0 else p
+        for p in made.measurements.positions
+    ]
     s = solve(replace(made.measurements, positions=tuple(bad)))
     assert _rmse(s.w_T_b, made.truth) < 0.1
     assert any("5 of 60 positions lie farther off than noise explains" in w for w in s.warnings)
+
+
+def test_positions_are_those_of_the_antenna():
+    """A metre ahead of the body it moves with the heading: an arm that is forgotten bends the track."""
+    made, arm_m = flight(6, position_std=0.1), np.array([1.0, -0.5, 0.3])
+    of_antenna = tuple(
+        replace(p, w_p_antenna_m=p.w_p_antenna_m + made.truth[p.k, :3, :3] @ arm_m)
+        for p in made.measurements.positions
+    )
+    of_body = solve(made.measurements)
+    found = solve(replace(made.measurements, positions=of_antenna, antenna_m=arm_m))
+    forgotten = solve(replace(made.measurements, positions=of_antenna))
+    assert _rmse(found.w_T_b, made.truth) < 1.2 * _rmse(of_body.w_T_b, made.truth)
+    assert _rmse(forgotten.w_T_b, made.truth) > 5 * _rmse(of_body.w_T_b, made.truth)
 
 
 def test_a_range_spike_does_not_pull():
@@ -172,7 +189,9 @@ def test_a_range_spike_does_not_pull():
 
 def test_a_horizontal_position_leaves_the_height_to_the_range():
     made = flight(8, position_std=0.1)
-    flat = [replace(p, w_p_b_m=np.append(p.w_p_b_m[:2], np.nan)) for p in made.measurements.positions]
+    flat = [
+        replace(p, w_p_antenna_m=np.append(p.w_p_antenna_m[:2], np.nan)) for p in made.measurements.positions
+    ]
     s = solve(replace(made.measurements, positions=tuple(flat)))
     assert s.unobserved == ()
     assert np.abs(s.w_T_b[:, 2, 3] - made.truth[:, 2, 3]).max() < 0.03

@@ -118,11 +118,11 @@ def test_each_fix_counts_with_its_own_accuracy():
     zero = np.zeros(20)
     gps = Gps(np.arange(0.5, 20, 1.0), zero + 47.0, zero + 8.0, zero, stds_m=stds_m)
     flight = replace(made_flight(0), gps=gps)
-    fixes = filter_input(flight).readings.w_p_b_m
+    fixes = filter_input(flight).readings.w_p_antenna_m
     assert fixes.std.shape == fixes.values.shape
     np.testing.assert_allclose(fixes.std[-1], 10 * fixes.std[0])
     np.testing.assert_allclose(fixes.std[0], fixes.std[0, 0] * np.array([1.0, 2.0, 3.0]))
-    assert filter_input(flight, from_s=15.0).readings.w_p_b_m.std[0, 0] == fixes.std[-1, 0]
+    assert filter_input(flight, from_s=15.0).readings.w_p_antenna_m.std[0, 0] == fixes.std[-1, 0]
 
 
 def test_told_places_of_imu_and_antenna_are_used():
@@ -133,7 +133,7 @@ def test_told_places_of_imu_and_antenna_are_used():
     assert inputs.model.b_p_imu_m == (0.3, 0.0, 0.1)
     assert inputs.model.b_p_position_m == (3.0, 0.0, 0.0)
     placed = np.array(inputs.start.place_m) + (inputs.start.w_R_b @ antenna[:3, 3])[:2]
-    np.testing.assert_allclose(placed, inputs.readings.w_p_b_m.values[0, :2])
+    np.testing.assert_allclose(placed, inputs.readings.w_p_antenna_m.values[0, :2])
     assert inputs.start.place_std_m > 3.0, "the antenna may be on any side"
 
 

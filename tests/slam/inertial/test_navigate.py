@@ -278,7 +278,7 @@ def test_the_accuracy_of_the_track_names_the_one_instrument_that_it_rests_on(fli
         f"0.06 m/s would move the end of the track by {length(0.06 * lasts_s, True)}."
     )
     assert summary_record(navigation)["accuracy_basis"] == navigation.estimate.accuracy_basis
-    fixes = replace(navigation.inputs.readings, w_p_b_m=navigation.inputs.readings.velocity_m_s)
+    fixes = replace(navigation.inputs.readings, w_p_antenna_m=navigation.inputs.readings.velocity_m_s)
     assert track_accuracy_basis(fixes, InertialTrust(), 1.0) == ""
     assert "GPS receiver alone" in track_accuracy_basis(
         replace(fixes, velocity_m_s=None), InertialTrust(), 1.0

@@ -177,7 +177,7 @@ def test_a_geotag_is_taken_as_it_is_and_fixes_are_joined_by_a_line():
     found = positions_at(Flight("f", gps=gps(stamps_s, enu)), at_s)
     assert [p.k for p in found] == [0, 1, 2]
     for p in found:
-        assert p.w_p_b_m == pytest.approx(at_s[p.k] * np.array([3, -2, 1]) + [0, 0, 50], abs=1e-3)
+        assert p.w_p_antenna_m == pytest.approx(at_s[p.k] * np.array([3, -2, 1]) + [0, 0, 50], abs=1e-3)
         assert p.std_m == pytest.approx([5, 5, 10])
 
 
@@ -196,7 +196,7 @@ def test_a_fix_without_altitude_says_nothing_of_the_height():
     assert [p.k for p in found] == [0, 1, 2]
     assert found[1].std_m[2] == 10
     assert found[2].std_m[2] >= 1e3
-    assert found[2].w_p_b_m[:2] == pytest.approx([2, 0], abs=1e-3)
+    assert found[2].w_p_antenna_m[:2] == pytest.approx([2, 0], abs=1e-3)
 
 
 def test_no_gps_no_positions():

@@ -106,7 +106,7 @@ def test_an_antenna_away_from_the_body_is_found() -> None:
         made = turned(make(SURVEY, seed), quarters_at_random(seed))
         assert systematic_errors(solved(made)) is None
         moved = tuple(
-            replace(p, w_p_b_m=p.w_p_b_m + made.w_T_b[p.k, :3, :3] @ arm_m)
+            replace(p, w_p_antenna_m=p.w_p_antenna_m + made.w_T_b[p.k, :3, :3] @ arm_m)
             for p in made.measurements.positions
         )
         found = systematic_errors(
@@ -140,7 +140,9 @@ def test_positions_that_wander_are_no_offset() -> None:
         off_m = [rng.normal(0.0, 0.1, 3)]
         for _ in range(1, SURVEY.keyframes):
             off_m.append(0.85 * off_m[-1] + np.sqrt(1 - 0.85**2) * rng.normal(0.0, 0.1, 3))
-        moved = tuple(replace(p, w_p_b_m=p.w_p_b_m + off_m[p.k]) for p in made.measurements.positions)
+        moved = tuple(
+            replace(p, w_p_antenna_m=p.w_p_antenna_m + off_m[p.k]) for p in made.measurements.positions
+        )
         wandering = replace(made, measurements=replace(made.measurements, positions=moved))
         alarms += systematic_errors(solved(wandering)) is not None
     assert alarms == 0

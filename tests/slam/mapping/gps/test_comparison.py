@@ -30,9 +30,9 @@ def line_and_back() -> np.ndarray:
 def compared(off_m: np.ndarray, antenna_m: np.ndarray, assumed: bool = False) -> FixComparison:
     """Fixes (14,) that lie ``off_m`` (14, 3) beside an antenna at its told or ``assumed`` place."""
     w_T_b, std_m = line_and_back(), (0.01, 0.01, 0.02)
-    w_p_b_m = w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ antenna_m + off_m
+    w_p_antenna_m = w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ antenna_m + off_m
     names, none = tuple(f"fix {k}" for k in range(COUNT)), np.zeros(COUNT, bool)
-    fixes = Fixes(STAMPS_S, w_p_b_m, std_m, True, names, none, antenna_m, antenna_assumed=assumed)
+    fixes = Fixes(STAMPS_S, w_p_antenna_m, std_m, True, names, none, antenna_m, antenna_assumed=assumed)
     return FixComparison(fixes, STAMPS_S)
 
 

@@ -41,7 +41,7 @@ def test_the_similarity_is_recovered_although_some_positions_are_wild(seed, scal
     truth = moved(here, scale, yaw, shift)
     told = positions(truth)
     for k in rng.choice(30, 8, replace=False):
-        wrong = told[k].w_p_b_m + scale * rng.normal(0, 30, 3)
+        wrong = told[k].w_p_antenna_m + scale * rng.normal(0, 30, 3)
         told[k] = Position(int(k), wrong, STD)
     placed, floor_z = align_with_positions(here, told, metric)
     assert placed == pytest.approx(truth, abs=1e-3 * scale)
@@ -61,7 +61,7 @@ def test_level_stays_level():
     """Noise in the positions' heights turns nothing but the heading."""
     rng = np.random.default_rng(2)
     here = made_map(rng)
-    told = [Position(p.k, p.w_p_b_m + rng.normal(0, 0.5, 3), STD) for p in positions(here)]
+    told = [Position(p.k, p.w_p_antenna_m + rng.normal(0, 0.5, 3), STD) for p in positions(here)]
     placed, floor_z = align_with_positions(here, told, metric=False)
     assert placed[:, 2, :3] == pytest.approx(here[:, 2, :3], abs=1e-12)
     height = (placed[:, 2, 3] - floor_z) / here[:, 2, 3]

@@ -156,8 +156,8 @@ def test_a_map_compares_altitudes_as_well_as_positions(climb_m):
     stamps_s = np.arange(12.0)
     w_T_b = np.tile(np.eye(4), (12, 1, 1))
     w_T_b[:, :3, :3], w_T_b[:, :2, 3] = w_R_b, place
-    w_p_b_m = w_T_b[:, :3, 3] + np.outer(climb_m * np.linspace(-5.5, 5.5, 12), [0, 0, 1])
-    fixes = Fixes(stamps_s, w_p_b_m, (1.0, 1.0, 10.0), False, ("fix",) * 12, np.zeros(12, bool))
+    w_p_antenna_m = w_T_b[:, :3, 3] + np.outer(climb_m * np.linspace(-5.5, 5.5, 12), [0, 0, 1])
+    fixes = Fixes(stamps_s, w_p_antenna_m, (1.0, 1.0, 10.0), False, ("fix",) * 12, np.zeros(12, bool))
     comparison = FixComparison(fixes, stamps_s)
     found = comparison.contradictions(comparison.exact(w_T_b), w_T_b)
     assert [("altitudes" in each.warning) for each in found] == [True] * (climb_m > 0)

@@ -14,7 +14,9 @@ ACROSS = np.array([0.6, 0.8])
 
 def bundle(positions: list[float], control: list[float]) -> SimpleNamespace:
     """Places along the unit vector: positions with a noise of 2 m, and control points with one of 0.1 m."""
-    placed = [SimpleNamespace(w_p_b_m=np.array([*(a * ACROSS), 9.0]), std_m=np.ones(3)) for a in positions]
+    placed = [
+        SimpleNamespace(w_p_antenna_m=np.array([*(a * ACROSS), 9.0]), std_m=np.ones(3)) for a in positions
+    ]
     known = [SimpleNamespace(w_p_m=np.array([*(a * ACROSS), 5.0]), std_m=np.full(3, 0.05)) for a in control]
     measured = SimpleNamespace(positions=placed, control=known)
     noise = SimpleNamespace(position_m=np.array([1.0, 1.0, 2.0]), control=2.0)
