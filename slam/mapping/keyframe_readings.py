@@ -23,6 +23,10 @@ _LEAST_JUDGED = 4
 _OUTLIER_SIGMA = 5.0
 """Deviation from the others that one healthy sample in two million exceeds."""
 
+_RANGED_SHARE = 0.5
+"""Share of keyframes with ranges up to which the barometer counts beside them: a height sensor that reaches
+the floor near the take-off alone says nothing of the climb."""
+
 
 def local_value(
     stamps_s: Array, values: Array, at_s: Array, half_window_s: float, noise_std: ArrayLike = np.inf
@@ -161,7 +165,8 @@ class KeyframeReadings:
     ranges: tuple[SlantRange, ...]
     positions: tuple[Position, ...]
     heights: tuple[BarometerHeight, ...]
-    """Heights by the barometer; empty where a height sensor measures the floor: it is far more exact."""
+    """Heights by the barometer; empty where a height sensor measures the floor from most keyframes: it is far
+    more exact."""
     range_gain_std: float
     range_datum_std_m: float
     roll_pitch_rad: Array
@@ -191,11 +196,12 @@ class KeyframeReadings:
             roll_pitch[a.k] = a.roll_pitch_yaw_rad[:2]
             std[a.k] = np.hypot(a.std_rad[:2], trust.attitude_graph_rad)
         ranges = ranges_at(flight.sonar, stamps_s, trust.range_floor_m)
+        is_ranged = len(ranges) > _RANGED_SHARE * len(stamps_s)
         return KeyframeReadings(
             stamps_s=stamps_s,
             attitudes=attitudes,
             ranges=ranges,
-            heights=() if ranges else heights_at(flight.barometer, stamps_s, trust.height_floor_m),
+            heights=() if is_ranged else heights_at(flight.barometer, stamps_s, trust.height_floor_m),
             positions=fixes.at(stamps_s) if fixes else (),
             fixes=fixes,
             range_gain_std=flight.sonar.scale_std if flight.sonar else 0.0,

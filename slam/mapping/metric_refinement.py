@@ -74,7 +74,9 @@ class MetricRefinement:
         """
         members = part.members
         # Heights alone may tell no scale: a level flight must not fail for them.
-        exact = setup if setup.readings.positions or setup.control else setup.without_heights()
+        readings = setup.readings
+        tells_lengths = readings.positions or readings.ranges or setup.control
+        exact = setup if tells_lengths else setup.without_heights()
         first = first or self._refined(exact, members, part.w_T_b, part.floor_z_m)
         bundle = first
         reasons: list[str] = []

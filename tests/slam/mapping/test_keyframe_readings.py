@@ -7,8 +7,16 @@ from hypothesis import strategies as st
 
 from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Gps, Scalar, Sonar
 from slam.core.geodesy import geodetic_from_enu
+from slam.mapping.config import PipelineConfig
 from slam.mapping.gps.fixes import fixes_of
-from slam.mapping.keyframe_readings import MAX_GAP_S, attitudes_at, heights_at, local_value, ranges_at
+from slam.mapping.keyframe_readings import (
+    MAX_GAP_S,
+    KeyframeReadings,
+    attitudes_at,
+    heights_at,
+    local_value,
+    ranges_at,
+)
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)
 
@@ -49,6 +57,17 @@ def test_a_height_is_the_mean_of_the_readings_around_a_keyframe():
     assert [height.height_m for height in found] == pytest.approx([501.0, 502.0])
     assert found[1].std_m == pytest.approx(np.hypot(0.5 / np.sqrt(11), 0.1), rel=0.05)
     assert heights_at(None, stamps_s, 0.1) == ()
+
+
+@pytest.mark.parametrize(("last_range_s", "is_used"), [(0.0, True), (1.0, True), (9.0, False)])
+def test_the_barometer_counts_unless_ranges_reach_most_keyframes(last_range_s, is_used):
+    """A height sensor of short reach measures near the take-off alone."""
+    stamps_s = np.arange(101) / 10.0
+    ranged = np.where(stamps_s <= last_range_s, 1.0, np.nan)
+    flight = Flight("climb", sonar=Sonar(stamps_s, ranged), barometer=Scalar(stamps_s, stamps_s))
+    readings = KeyframeReadings.at(flight, np.arange(0.0, 10.0), None, PipelineConfig())
+    assert readings.ranges
+    assert len(readings.heights) == (10 if is_used else 0)
 
 
 def test_gaps_and_ends_have_no_value():

@@ -21,8 +21,8 @@ PART = SimpleNamespace(members=np.arange(3), w_T_b=np.tile(np.eye(4), (3, 1, 1))
 OWN = InertialScale(1.0, 0.0, (0.0,) * 3, (0.1,) * 3, (0.0,) * 3, (0.1,) * 3, (0.0, 0.0, 1.0))
 
 
-def setup_with(heights: tuple[object, ...]) -> Any:
-    readings = SimpleNamespace(positions=(), heights=heights, stamps_s=np.arange(3.0))
+def setup_with(heights: tuple[object, ...], ranges: tuple[object, ...] = ()) -> Any:
+    readings = SimpleNamespace(positions=(), ranges=ranges, heights=heights, stamps_s=np.arange(3.0))
     config = SimpleNamespace(trust=SimpleNamespace(accel_gain_std=0.02))
     return SimpleNamespace(
         readings=readings, control=(), camera=None, config=config, without_heights=lambda: setup_with(())
