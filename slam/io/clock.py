@@ -238,7 +238,7 @@ class _Silence:
 
     @property
     def ahead_ns(self) -> int:
-        """By how much a clock jumps that is set here."""
+        """Amount by which a clock that is set here jumps ahead."""
         return self.next_ns - self.last_ns - round(self.interval_ns)
 
     @staticmethod
