@@ -318,7 +318,7 @@ class Flight:
             gps.latitude_deg,
             gps.longitude_deg,
             gps.altitude_m,
-            gps.noise_std_m,
+            gps.each_std_m,
             np.inf if self.all_keyframes and not self.epoch_ns else resolution_s,
         )
 

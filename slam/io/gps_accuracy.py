@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Gps
-from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
+from slam.core.geodesy import MAX_ALTITUDE_M, METRES_PER_DEGREE, metres_per_degree_east
 
 Array = NDArray[np.float64]
 
@@ -16,8 +16,6 @@ _UP_RATIO = Gps.noise_std_m[2] / Gps.noise_std_m[0]
 """Error up over that along the ground, of a receiver that does not state the first."""
 _DIFFERENT = 2.0
 """Ratio of standard deviations from which on each fix counts with its own: the weights differ fourfold."""
-
-
 _FINEST_M = 1e-3
 """No receiver states its accuracy finer: this many degrees, 111 m, may be as many metres."""
 _UP_SPLIT = _UP_RATIO * METRES_PER_DEGREE**0.5
@@ -51,10 +49,18 @@ def accuracy_in_metres(
 def with_accuracy(positions: Array, std_m: Array) -> Array:
     """Return rows (n, 6) of ``gps0``: positions (n, 3) and their standard deviations (n, 3) east, north, up.
 
-    What is no positive number is NaN, and so is the accuracy of a row without a position.
+    What is no possible accuracy is NaN, such as 0 or the largest integer, and so is that of a row without a
+    position.
     """
-    is_stated = np.isfinite(positions[:, :1]) & (std_m > 0)
+    is_stated = np.isfinite(positions[:, :1]) & (std_m > 0) & (std_m < MAX_ALTITUDE_M)
     return np.hstack([positions, np.where(is_stated, std_m, np.nan)])
+
+
+def stated_stds(rows: Array) -> Array:
+    """Return the standard deviations (n, 3) that rows (n, 3 to 6) of ``gps0`` state; NaN without one."""
+    stated_m = np.full((len(rows), 3), np.nan)
+    stated_m[:, : rows.shape[1] - 3] = np.where(rows[:, 3:] > 0, rows[:, 3:], np.nan)
+    return stated_m
 
 
 def typical_accuracy(std_m: Array) -> tuple[float, float, float] | None:
@@ -67,9 +73,14 @@ def typical_accuracy(std_m: Array) -> tuple[float, float, float] | None:
     return east_m, north_m, up_m
 
 
-def median_and_each(std_m: Array) -> tuple[tuple[float, float, float], Array | None]:
+def median_and_each(
+    std_m: Array, otherwise_m: tuple[float, float, float]
+) -> tuple[tuple[float, float, float], Array | None]:
     """Return the median of standard deviations (n, 3) of fixes, and all of them if they differ much, as with
-    and without RTK."""
-    east, north, up = np.median(std_m, axis=0).tolist()
-    differ = bool((std_m.max(axis=0) > _DIFFERENT * std_m.min(axis=0)).any())
-    return (east, north, up), std_m if differ else None
+    and without RTK. ``otherwise_m`` is that of fixes that state none, and the median where no fix does."""
+    if typical_accuracy(std_m) is None:
+        return otherwise_m, None
+    each_m = np.where(np.isfinite(std_m), std_m, otherwise_m)
+    east, north, up = np.median(each_m, axis=0).tolist()
+    differ = bool((each_m.max(axis=0) > _DIFFERENT * each_m.min(axis=0)).any())
+    return (east, north, up), each_m if differ else None

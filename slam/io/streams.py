@@ -20,7 +20,7 @@ from slam.core.messages import Note
 from slam.io.assumed import assumed_keys
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
-from slam.io.gps_accuracy import accuracy_in_metres, median_and_each, typical_accuracy
+from slam.io.gps_accuracy import accuracy_in_metres, median_and_each, stated_stds, typical_accuracy
 from slam.io.plausibility import GYRO_LIMIT_RAD_S
 from slam.io.sensor_yaml import MAX_LEVER_M, YamlFile
 
@@ -151,7 +151,7 @@ def build_series(folder: str, source: Source) -> Series | None:
         return None
     series = _BUILDERS[folder](source)
     if isinstance(series, Instrument):
-        in_rows = folder == "gps0" and typical_accuracy(_stated_stds(source.table)) is not None
+        in_rows = folder == "gps0" and typical_accuracy(stated_stds(source.table.values)) is not None
         series = replace(series, assumed=assumed_keys(folder, source.sensor, in_rows))
     return series if len(series.stamps_s) else None
 
@@ -294,28 +294,16 @@ def _gps(source: Source) -> Gps:
     fixed = (source.table.values[:, 0] != 0) | (source.table.values[:, 1] != 0)
     source = source.keep_rows(fixed, "latitude and longitude are both 0 (no fix yet)")
     latitude, longitude, altitude = source.table.values.T[:3]
-    noise, stds_m = _gps_noise(source, latitude), None
-    stated_m = _stated_stds(source.table)
-    if typical_accuracy(stated_m) is not None:
-        noise, stds_m = median_and_each(np.where(np.isfinite(stated_m), stated_m, noise))
+    stated_m = stated_stds(source.table.values)
+    if not len(latitude):
+        noise = Gps.noise_std_m
+    elif source.sensor.has("noise_std"):  # in the units of the columns: deg, deg, m
+        noise_std = source.noise(Gps.noise_std_m, (MAX_ALTITUDE_M,) * 3)
+        noise = accuracy_in_metres(noise_std, float(latitude[0]), source.notes)
+    else:
+        noise = typical_accuracy(stated_m) or Gps.noise_std_m
+    noise, stds_m = median_and_each(stated_m, noise)
     return Gps(source.stamps_s, latitude, longitude, altitude, noise, b_T_s, antenna_std_m, stds_m)
-
-
-def _stated_stds(table: CsvTable) -> Array:
-    """Return the standard deviations (n, 3) that fixes state [m]; NaN where they state none."""
-    values = table.values[:, 3:]
-    stated = np.full((len(values), 3), np.nan)
-    stated[:, : values.shape[1]] = np.where(values > 0, values, np.nan)
-    return stated
-
-
-def _gps_noise(source: Source, latitude_deg: Array) -> tuple[float, float, float]:
-    """Return east, north, up in metres from ``noise_std`` in the units of the columns (deg, deg, m); without
-    it, what fixes state, or the default."""
-    if not source.sensor.has("noise_std") or not len(latitude_deg):
-        return typical_accuracy(_stated_stds(source.table)) or Gps.noise_std_m
-    noise_std = source.noise(Gps.noise_std_m, (MAX_ALTITUDE_M,) * 3)
-    return accuracy_in_metres(noise_std, float(latitude_deg[0]), source.notes)
 
 
 def _truth(source: Source) -> Truth:

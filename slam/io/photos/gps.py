@@ -141,7 +141,7 @@ def _accuracy(
             for p, alone in zip(fixes, without, strict=True)
         ]
     )
-    return *median_and_each(stds_m), remarks
+    return *median_and_each(stds_m, Gps.noise_std_m), remarks
 
 
 def _rtk_solutions(fixes: Sequence[PhotoPosition]) -> list[str]:

@@ -21,7 +21,7 @@ def lanes(n=12, step_m=25.0):
 
 
 def checked(enu, stamps_s, stamp_error_s=1.0):
-    return check_fixes(stamps_s, *geodetic_from_enu(enu, ORIGIN), STD, stamp_error_s)
+    return check_fixes(stamps_s, *geodetic_from_enu(enu, ORIGIN), np.tile(STD, (len(enu), 1)), stamp_error_s)
 
 
 def photographs(enu, epoch_ns=10**18, step_s=2.0):
@@ -30,6 +30,19 @@ def photographs(enu, epoch_ns=10**18, step_s=2.0):
     frames = Frames(stamps_s, tuple(f"P{k:02}.jpg" for k in range(n)), lambda _: None)
     gps = Gps(stamps_s, *geodetic_from_enu(enu, ORIGIN))
     return Flight("photos", epoch_ns=epoch_ns, frames=frames, gps=gps, all_keyframes=True)
+
+
+def test_fixes_that_state_another_accuracy_are_judged_by_it():
+    """RTK is lost for 8 s, and the fixes then scatter as they say; a jump of 100 m is still found."""
+    n, lost = 200, slice(60, 140)
+    rng = np.random.default_rng(0)
+    stds_m = np.tile([0.02, 0.02, 0.04], (n, 1))
+    stds_m[lost] = [4.0, 4.0, 8.0]
+    enu = np.column_stack([0.3 * np.arange(n), np.zeros(n), np.full(n, 60.0)]) + rng.normal(0, stds_m)
+    enu[100, 1] += 100.0
+    found = check_fixes(0.1 * np.arange(n), *geodetic_from_enu(enu, ORIGIN), stds_m, 0.0)
+    assert np.flatnonzero(~found.consistent).tolist() == [100]
+    assert found.altitude_consistent.sum() >= n - 2
 
 
 @pytest.mark.parametrize("epoch_ns", [0, 10**18])

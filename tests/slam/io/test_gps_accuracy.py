@@ -1,10 +1,12 @@
 """The accuracy of fixes in degrees, as the format has it, and in metres, as people write it."""
 
+import math
+
 import pytest
 
 from slam.io.gps_accuracy import accuracy_in_metres
 
-DEGREE_M = 111_319.49
+DEGREE_M = math.pi / 180 * 6378137.0
 
 
 @pytest.mark.parametrize(
