@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from backend.errors import BackendError
 from backend.pose_graph.elimination import elimination_exceeds
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, GraphFit, damped_fit, initial_poses
+from backend.pose_graph.marginals import posterior
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.own_noise import are_selective
-from backend.quantiles import chi_square_limit
+from backend.pose_graph.selection.swap_search import removal_gains
+from backend.quantiles import f_limit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,7 +25,7 @@ Mask = NDArray[np.bool_]
 _CHEAP = 1e8
 """Floating-point operations of an elimination of which a hundred take seconds."""
 _SIGNIFICANCE = 0.001
-"""Probability that the largest residual of true edges exceeds its limit."""
+"""Probability that one of the true edges stands out."""
 
 
 def loses_most_loops(problem: Problem, kept: Mask) -> bool:
@@ -53,16 +55,25 @@ def lowest_fit(gauge_fixed: GaugeFixedProblem, fit: GraphFit, *starts: Array) ->
     return fit
 
 
-def one_factor_explains(problem: Problem, fit: GraphFit) -> bool:
+def one_factor_explains(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> bool:
     """Return whether a fit of all edges is one of true edges whose deviations are off by one factor.
 
-    At that factor no residual may stand out, and a false loop would have to, unless it could not even at the
-    stated deviations.
+    No edge may stand out from the noise that the others show without it (F test). A false loop that no other
+    one checks, and a wrong step under all loops, spread over all edges of their cycles: each of these stands
+    out, or leaves nothing that shows the noise. The stated deviations, or those at that factor, have to tell
+    false loops.
     """
-    if fit.test.passed:
+    test, problem = fit.test, gauge_fixed.problem
+    if test.passed:
         return True
-    factor = float(np.sqrt(fit.test.statistic / fit.test.dof))
-    largest = float((problem.residuals(fit.w_T) ** 2).sum(axis=1).max()) / factor**2
-    if largest > chi_square_limit(_SIGNIFICANCE / len(problem.i), problem.dof):
+    rest = test.dof - problem.dof
+    graph = gauge_fixed.graph(np.ones(len(problem.i), dtype=bool))
+    predictions = posterior(graph, fit.minimum.values, (), gauge_fixed.edges).predictions
+    if rest <= 0 or not np.isfinite(predictions).all():
         return False
+    gain = float(removal_gains(problem.residuals(fit.w_T), predictions).max())
+    ratio = (gain / problem.dof) / max((test.statistic - gain) / rest, np.finfo(float).tiny)
+    if ratio > f_limit(_SIGNIFICANCE / len(problem.i), problem.dof, rest):
+        return False
+    factor = float(np.sqrt(test.statistic / test.dof))
     return are_selective(problem.with_noise(factor), fit.w_T) or not are_selective(problem, fit.w_T)

@@ -61,7 +61,7 @@ def _without_false_loops(gauge_fixed: GaugeFixedProblem, fit: GraphFit, found: S
     """Return all edges where these need no false loop, and the selection that loses most loops otherwise."""
     problem = gauge_fixed.problem
     lowest = lowest_fit(gauge_fixed, fit, found.fit.w_T)
-    if not one_factor_explains(problem, lowest):
+    if not one_factor_explains(gauge_fixed, lowest):
         return found
     everything = Selection.of(problem, np.ones_like(found.kept), lowest)
     if lowest.test.passed or not are_selective(problem, lowest.w_T):

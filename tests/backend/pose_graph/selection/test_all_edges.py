@@ -71,3 +71,21 @@ def test_a_false_loop_beside_deviations_stated_too_small_is_still_rejected() -> 
     ij_T[-1] = ij_T[-1] @ se3.from_planar(np.array([[3.0, 2.0, 1.0]]))[0]
     solution = solve_pose_graph(replace(graph, ij_T=ij_T), covariances=False)
     assert np.flatnonzero(~solution.edge_kept).tolist() == [len(ij_T) - 1]
+
+
+@pytest.mark.parametrize("loops", [1, 2, 3])
+def test_a_row_of_false_loops_is_no_common_factor(loops: int) -> None:
+    """They agree with each other, and alone contradict odometry, which takes the error in many shares."""
+    made = lanes(np.array([0.05, 0.05, 0.01]), 1.0, 0)
+    steps = np.flatnonzero(np.abs(made.i - made.j) == 1)
+    i, w_T = np.arange(loops) + 4, true_poses()
+    off = se3.from_planar(np.array([[4.0, 2.0, 0.5]]))[0]
+    graph = replace(
+        made,
+        i=np.append(made.i[steps], i),
+        j=np.append(made.j[steps], i + 30),
+        ij_T=np.concatenate([made.ij_T[steps], se3.inverse(w_T[i]) @ off @ w_T[i + 30]]),
+        information=np.concatenate([made.information[steps], made.information[:loops]]),
+    )
+    solution = solve_pose_graph(graph, covariances=False)
+    assert not solution.edge_kept[len(steps) :].any()
