@@ -56,3 +56,18 @@ def relief_squares(measured: Misregistration) -> Mask:
         r, c = measured.square.T
         relief[r, c] = ~measured.found | (np.abs(measured.along_px) >= threshold_px)
     return relief
+
+
+def is_better(over_surface: Misregistration, over_floor: Misregistration) -> bool:
+    """Return whether more squares agree better over a surface than over the floor than agree worse.
+
+    A square counts if the displacements over the two differ by more than half of `VISIBLE_PX`. Where no
+    displacement was found, it is taken as larger than any other.
+    """
+    off_px = np.full((2, *over_floor.shape), np.inf)
+    for measured, off in zip((over_surface, over_floor), off_px, strict=True):
+        r, c = measured.square[measured.found].T
+        off[r, c] = np.linalg.norm(measured.shift_px[measured.found], axis=1)
+    surface_px, floor_px = off_px[:, over_floor.compared & over_surface.compared]
+    better = np.count_nonzero(surface_px + VISIBLE_PX / 2 < floor_px)
+    return bool(better > np.count_nonzero(floor_px + VISIBLE_PX / 2 < surface_px))

@@ -16,7 +16,7 @@ from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.surface.build import build_surface
 from frontend.surface.misregistration import Misregistration, measure_misregistration, seen_by_two
-from frontend.surface.relief import relief_squares
+from frontend.surface.relief import is_better, relief_squares
 from frontend.views import Load
 from slam.core.estimate import GroundFacts
 from slam.core.progress import Progress
@@ -138,7 +138,8 @@ def measure_ground(
 ) -> MeasuredGround:  # fmt: skip
     """Compare the pictures of a mosaic over the floor, and measure the surface where it is not flat.
 
-    All placed pictures at ``w_T_b`` (n, 4, 4) are matched, also those that the mosaic does not need.
+    All placed pictures at ``w_T_b`` (n, 4, 4) are matched, also those that the mosaic does not need. The
+    surface counts only where it makes the pictures agree better than the floor does.
     """
     over_floor = measure_misregistration(plan, pictures, progress)
     relief = relief_squares(over_floor)
@@ -150,4 +151,5 @@ def measure_ground(
     seen = seen_by_two(all_views)
     relief |= seen & ~over_floor.compared
     surface = build_surface(all_views, matched, relief, elevation, progress, seen)
-    return MeasuredGround(over_floor, surface)
+    over_surface = measure_misregistration(replace(plan, surface=surface), pictures, progress)
+    return MeasuredGround(over_floor, surface if is_better(over_surface, over_floor) else None)

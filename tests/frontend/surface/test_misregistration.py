@@ -9,11 +9,19 @@ from frontend.surface.misregistration import (
     Misregistration,
     seen_by_two,
 )
-from frontend.surface.relief import relief_squares, relief_threshold_px
+from frontend.surface.relief import is_better, relief_squares, relief_threshold_px
 from frontend.workers import Workers, share_with
 from tests.frontend.mosaic.scene import FLOOR_Z_M
 from tests.frontend.sent_workers import SentWorkers
-from tests.frontend.surface.raised_plane import CAMERA, GSD_M, HEIGHT_M, POSES, measured, photographs
+from tests.frontend.surface.raised_plane import (
+    CAMERA,
+    GSD_M,
+    HEIGHT_M,
+    POSES,
+    boxed,
+    measured,
+    photographs,
+)
 
 
 @pytest.fixture(scope="module")
@@ -27,6 +35,13 @@ def test_pictures_of_a_flat_floor_agree_and_show_no_relief(pictures):
     assert found.found.all()
     assert found.percentile_px(95) < 0.5
     assert not relief_squares(found).any()
+
+
+def test_a_surface_that_flat_ground_does_not_have_is_no_better_than_the_floor(pictures):
+    over_floor, over_box = (measured(pictures, POSES, FLOOR_Z_M, each)[1] for each in (None, boxed()))
+    assert not is_better(over_box, over_floor)
+    assert is_better(over_floor, over_box)
+    assert not is_better(over_floor, over_floor)
 
 
 def test_a_displaced_picture_is_misregistered_by_its_displacement(pictures):
@@ -91,6 +106,16 @@ def test_few_squares_far_beyond_the_others_are_found(count):
     along, across = 0.1 * rng.normal(size=(2, count))
     along[:2] = 17.7, -3.1
     assert np.flatnonzero(relief_squares(shifts(along, across)).ravel()).tolist() == [0, 1]
+
+
+def test_a_house_of_two_squares_is_better_than_the_floor_whatever_flat_squares_do():
+    rng = np.random.default_rng(2)
+    before, after = 0.1 * rng.normal(size=(2, 2, 400))
+    before[0, :2] = 17.7, np.nan
+    assert is_better(shifts(*after), shifts(*before))
+    assert not is_better(shifts(*before), shifts(*after))
+    before[0, :2] = after[0, :2]
+    assert not is_better(shifts(*after), shifts(*before))
 
 
 def test_two_pictures_contain_the_corners_of_each_square_that_is_seen_by_two():
