@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sqlite3
 import weakref
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slam.io.recordings.readers import damage_reported, optional_reader
+from slam.io.recordings.recording import COPY_AGAIN
 from slam.io.recordings.ros.messages import TRANSFORM_KINDS
 from slam.io.recordings.ros.open_bag import OpenBag
 from slam.io.recordings.ros.px4 import PACKAGE
@@ -62,33 +65,41 @@ class Bag(OpenBag):
             self.warnings += ("mounts are also taken from transforms of /tf that never change; check T_BS",)
 
     def _open(self) -> None:
-        """Open the bag; of a ROS 1 bag or an MCAP file without an index, read what is complete."""
+        """Open the bag; of one that is damaged or has no index, read what is complete."""
         from rosbags.highlevel import AnyReaderError
-
-        from slam.io.recordings.ros.cut_mcap import CutMcapReader, is_mcap
-        from slam.io.recordings.ros.unindexed import UnindexedReader
 
         try:
             self.reader.open()
         except (AnyReaderError, OSError):
-            unindexed: Any
-            if len(self.reader.paths) > 1:
+            found = self._damaged() if len(self.reader.paths) == 1 else None
+            if found is None:
                 raise
-            if is_mcap(self.path):
-                unindexed = CutMcapReader(self.path)
-                if not any(each.msgcount for each in unindexed.connections):
-                    raise
-            elif self.path.suffix == ".bag":
-                unindexed = UnindexedReader(self.path)
-            else:
-                raise
-            self.reader.readers = [unindexed]
+            reader, warning = found
+            self.reader.readers = [reader]
             self.reader.open()
-            lost = f", and its last {unindexed.lost_bytes:,} bytes are lost" if unindexed.lost_bytes else ""
-            self.warnings = (
-                f"the bag has no index (its recording was interrupted){lost}; end the next one before "
-                "power is cut",
-            )
+            self.warnings = (warning or _without_index(reader.lost_bytes),)
+
+    def _damaged(self) -> tuple[Any, str] | None:
+        """Return a reader for the damaged file of this bag, and a warning; None where it cannot be read."""
+        from slam.io.recordings.ros.cut_mcap import CutMcapReader, is_mcap
+        from slam.io.recordings.ros.cut_sqlite import CutSqliteReader
+        from slam.io.recordings.ros.unindexed import UnindexedReader
+
+        file, reader = _only_file(self.path), None
+        if file.suffix == ".db3":
+            with suppress(sqlite3.Error):
+                reader = CutSqliteReader(file)
+            count = 0 if reader is None else sum(each.msgcount for each in reader.connections)
+            lost = f"the bag is damaged after {count} messages, and the rest is lost; {COPY_AGAIN}"
+            return (reader, lost) if count else None
+        unindexed: Any = None
+        if is_mcap(file):
+            unindexed = CutMcapReader(file)
+        elif file.suffix == ".bag":
+            unindexed = UnindexedReader(file)
+        if unindexed is None or (is_mcap(file) and not any(c.msgcount for c in unindexed.connections)):
+            return None
+        return unindexed, ""
 
     @property
     def connections(self) -> list[Connection]:
@@ -111,3 +122,14 @@ class Bag(OpenBag):
         if connections:
             for connection, time_ns, raw in self.reader.messages(connections, start=start_ns):
                 yield connection, time_ns, self.reader.deserialize(raw, connection.msgtype)
+
+
+def _without_index(lost_bytes: int) -> str:
+    lost = f", and its last {lost_bytes:,} bytes are lost" if lost_bytes else ""
+    return f"the bag has no index (its recording was interrupted){lost}; end the next one before power is cut"
+
+
+def _only_file(path: Path) -> Path:
+    """Return the file with messages of a bag's folder that holds a single one; otherwise the path itself."""
+    files = [*path.glob("*.mcap"), *path.glob("*.db3")] if path.is_dir() else []
+    return files[0] if len(files) == 1 else path

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.io.down_looking import MAX_TILT_DEG, NOSE_AT_TOP, axis_tilt_deg, tilt_remark
+from slam.io.files import brief
 from slam.io.images import UnreadableImageError, encoded_size, suffix_of
 from slam.io.levels import Raw
 from slam.io.recordings.ros import pixels as ros_pixels
@@ -121,6 +122,9 @@ def why_unread(kind: str, message: Message | None) -> str:
     """Return why pictures of a topic cannot be read, and the next step; empty for what is no picture."""
     if kind in _CODED_KINDS:
         return _CODED.format(kind.partition("/")[0].removesuffix("_image_transport_msgs"))
+    if message is not None and hasattr(message, "encoding") and not ros_pixels.is_known(message.encoding):
+        encoding = brief(message.encoding, 20)
+        return f"its encoding {encoding!r} is not read: publish bgr8, rgb8 or mono8 (image_proc, cv_bridge)"
     if message is None or not hasattr(message, "format"):
         return ""
     code = message.format.lower()

@@ -15,7 +15,7 @@ from rosbags.interfaces import (
 
 from slam.io.recordings.mcap_file import MAGIC, McapChannel, McapFile
 
-_DEFINITIONS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+DEFINITIONS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 """Encoding of a schema -> how ``rosbags`` names it."""
 
 
@@ -61,7 +61,7 @@ class CutMcapReader(AbstractContextManager["CutMcapReader"]):
     def _connection(self, number: int) -> Connection:
         channel = self._channels[number]
         assert channel.schema is not None
-        form = _DEFINITIONS.get(channel.schema.encoding, MessageDefinitionFormat.NONE)
+        form = DEFINITIONS.get(channel.schema.encoding, MessageDefinitionFormat.NONE)
         return Connection(
             id=number,
             topic=channel.topic,

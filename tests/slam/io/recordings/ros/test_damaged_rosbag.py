@@ -60,7 +60,9 @@ def test_an_mcap_file_that_is_cut_short_gives_its_complete_chunks(tmp_path, cut)
     content = whole.read_bytes()
     path = tmp_path / "cut.mcap"
     path.write_bytes(content[: int(cut * len(content))])
+    whole.write_bytes(path.read_bytes())
     flight = read(path)
+    assert np.array_equal(read(tmp_path / "bag").imu.gyro_rad_s, flight.imu.gyro_rad_s)  # the folder alike
     count = len(flight.imu.stamps_s)
     assert 8 * cut - 2.5 < count < 8
     begin_ns, end_ns = Bag(path).span_ns
@@ -69,6 +71,33 @@ def test_an_mcap_file_that_is_cut_short_gives_its_complete_chunks(tmp_path, cut)
     assert flight.imu.gyro_rad_s[:, 0] == pytest.approx(0.1 * np.arange(count))
     assert flight.imu.stamps_s == pytest.approx(0.01 * np.arange(count))
     assert any("the bag has no index (its recording was interrupted)" in line for line in flight.warnings)
+
+
+@pytest.mark.parametrize("is_cut", [True, False])
+def test_a_damaged_database_gives_the_messages_before_the_damage(tmp_path, is_cut):
+    maker, messages = Maker(ROS2), []
+    for k in range(40):
+        header = maker.header(at(k), "base_link")
+        messages += [
+            ("/imu", at(k), maker.imu(header, (0.1 * k, 0.2, 0.3), (0.5, 0.25, 9.75))),
+            ("/picture", at(k), maker.image(header, np.full((70, 100), k, np.uint8), "mono8")),
+        ]
+    write(tmp_path / "bag", maker, messages)
+    database = next((tmp_path / "bag").glob("*.db3"))
+    content = bytearray(database.read_bytes())
+    middle = len(content) // 2
+    if is_cut:
+        del content[middle:]
+    else:
+        content[middle : middle + 40_000] = np.random.default_rng(0).bytes(40_000)
+    database.write_bytes(content)
+    flight = read(tmp_path / "bag")
+    count = len(flight.imu.stamps_s)
+    assert 12 < count < 22
+    assert flight.imu.gyro_rad_s[:, 0] == pytest.approx(0.1 * np.arange(count))
+    assert any("the bag is damaged after" in line for line in flight.warnings)
+    shutil.copy(database, tmp_path / "alone.db3")
+    assert len(read(tmp_path / "alone.db3").imu.stamps_s) == count
 
 
 @pytest.mark.slow

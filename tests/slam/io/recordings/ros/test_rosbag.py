@@ -394,6 +394,22 @@ def test_a_camera_without_a_known_lens_is_left_with_the_reason(tmp_path, info, w
     assert flight.imu is not None
 
 
+def test_pictures_of_an_unknown_encoding_are_left_with_the_reason(tmp_path):
+    header = M.header(at(0), "cam")
+    still = (0.0, 0.0, 0.0)
+    path = ros1(
+        tmp_path / "a.bag",
+        [
+            ("/cam/image_raw", at(0), M.image(header, np.zeros((4, 6), np.uint8), "foo8")),
+            ("/cam/camera_info", at(0), M.info(header, 5.0)),
+            ("/imu", at(0), M.imu(M.header(at(0), "base_link"), still, still)),
+        ],
+    )
+    assert "encoding 'foo8' is not read: publish bgr8" in open_recording(path).unread["/cam/image_raw"]
+    (source,) = [each for each in read(path).sources if each.channel == "/cam/image_raw"]
+    assert "foo8" in str(source)
+
+
 def test_a_picture_of_another_size_is_left_out(tmp_path):
     messages = a_flight(M)
     other = bytes(cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1])
