@@ -26,6 +26,8 @@ JUMP_NS = 600 * 10**9
 """A shorter forward step is a pause of the sensor."""
 LONGEST_PAUSE_NS = 12 * 3600 * 10**9
 """A longer silence of all streams is a clock that was set: no recorder waits in one file for a day."""
+_ROWS_AT_CHANGES = frozenset({"command0"})
+"""Streams that may have rows at changes alone: between these they are silent, and not interrupted."""
 MIN_ROWS = 3
 """Least number of rows of a valid time segment; fewer rows are damage."""
 UNSORTED_SHARE = 0.05
@@ -254,6 +256,8 @@ class _Silence:
         if next_ns - last_ns <= max(JUMP_NS, 100 * interval_ns):
             return None
         for name, row in after.items() if found.ahead_ns <= LONGEST_PAUSE_NS else ():
+            if name in _ROWS_AT_CHANGES:
+                continue
             steps = np.diff(both[name])
             usual = steps[steps <= JUMP_NS].max(initial=round(2 * _interval_ns(both[name])))
             if len(both[name]) >= MIN_ROWS and steps[row - 1] - found.ahead_ns > usual:

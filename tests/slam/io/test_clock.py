@@ -180,6 +180,16 @@ def test_streams_that_come_back_one_after_the_other_show_a_pause(late):
     assert late in remarks[0]
 
 
+def test_sticks_that_rest_while_the_clock_is_set_are_not_interrupted():
+    """They have rows at changes alone."""
+    true = {"imu0": regular(200, seed=1), "command0": regular(5, seed=2)}
+    moment = START + 33 * 10**9
+    true["command0"] = true["command0"][np.abs(true["command0"] - moment) > 10**10]
+    out, _ = both({n: np.where(t < moment, t, t + HOUR) for n, t in true.items()})
+    for name, stamps in true.items():
+        assert np.abs(out[name] - stamps).max() <= 2 * 10**9 / 200, name
+
+
 def test_a_clock_that_jumps_by_years_was_set_even_where_a_stream_pauses():
     true = {"imu0": regular(200, seed=1), "gps0": regular(1, seed=3)}
     moment, years = START + 33 * 10**9, 20 * 365 * 24 * HOUR
