@@ -30,6 +30,7 @@ from slam.data_quality.commands import (
     is_calm,
     log_apart,
     readings_span_s,
+    unanswered,
 )
 from slam.data_quality.dead_streams import without_dead_streams
 from slam.data_quality.pictures.feature_matches import match_all_pictures
@@ -83,7 +84,7 @@ def _judged_record(flight: Flight, any_moved: bool) -> tuple[Record | None, list
         return None, [f"lasts {lasts_s:.1f} s; {SHORTEST_S:g} s are the least"]
     if not has_commands(flight):
         return None, ["no command log, which other flights have"]
-    if reason := log_apart(flight):
+    if reason := log_apart(flight) or unanswered(flight):
         return None, [reason]
     if not has_stick_motion(flight) and not (is_calm(flight) and (any_moved or is_aloft(flight))):
         return None, [UNSTEERED]

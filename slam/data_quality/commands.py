@@ -23,6 +23,9 @@ AROUND_S = 1.0
 """Time before and after the readings in which commands count as given while there are readings."""
 CALM_RAD, CALM_M_S, CALM_M = 0.1, 1.0, 0.3
 """Ranges that a hover stays within: tilt, the speed that such a tilt makes within a second, and height."""
+UNANSWERED_RAD = 0.01
+"""Range of the tilt in rad over that of the sticks ahead and to the left, below which a vehicle stands. A
+full stick tilts one in the air by more than 10 deg. The log of a PX4 on the ground has 0.002."""
 ECHOES = 0.1
 """Share of second echoes that no sonar exceeds."""
 
@@ -86,6 +89,18 @@ def is_calm(flight: Flight) -> bool:
     if steady is None or _spread(steady[0]) >= steady[1]:
         return False
     return flight.sonar is None or not _spread(flight.sonar.range_m[:, None], ECHOES) >= CALM_M
+
+
+def unanswered(flight: Flight) -> str:
+    """Describe sticks that move while the tilt does not; empty where it does, or where either is missing."""
+    if flight.command is None or flight.attitude is None or not has_stick_motion(flight):
+        return ""
+    stick, tilt_rad = _spread(flight.command.stick[:, :2]), _spread(flight.attitude.roll_pitch_yaw_rad[:, :2])
+    if not (LEAST_STICK <= stick < np.inf and tilt_rad < UNANSWERED_RAD * stick):
+        return ""
+    return (
+        f"the vehicle stands: the sticks move by {stick:.2f}, and its tilt by {np.degrees(tilt_rad):.2f} deg"
+    )
 
 
 def is_aloft(flight: Flight) -> bool:

@@ -284,7 +284,7 @@ def decide(
         return "ambiguous", lead.alternatives[:MOST_ALIKE], tuple(remains)
     if lead.probability < SURE:
         remains.append(NameInDoubt(effect=lead.name))
-    if lead.gain.nats < CONFIRMED_NATS:
+    if lead.gain.nats < CONFIRMED_NATS or (lead.gain.by and len(lead.gain.parts) < 2):
         remains.append(Remark("held-out flights do not confirm it"))
     return ("named_with_remainder" if remains else "named"), (lead.name,), tuple(remains)
 

@@ -36,6 +36,16 @@ def test_a_flight_that_never_moves(flight):
     assert "never moved" in unusable(still)
 
 
+def test_sticks_that_move_while_the_vehicle_stands(flight):
+    angles, stick = 0.03 * flight.attitude.roll_pitch_yaw_rad, flight.command.stick.copy()
+    stick[:, 1] = np.where(np.arange(len(stick)) % 2 == 1, 0.8, 0.0)
+    standing = replace(
+        flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles),
+        command=replace(flight.command, stick=stick),
+    )  # fmt: skip
+    assert "the vehicle stands: the sticks move by 0.80, and its tilt by 0.0" in unusable(standing)
+
+
 def test_a_hover_is_judged_beside_flights_that_move(flight):
     hover = simulate_flight(load_model("nominal"), stick_for(["hover for 8 s"]), 2)
     records, dropped = usable_records([flight, hover])

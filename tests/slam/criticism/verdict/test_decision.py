@@ -378,6 +378,13 @@ def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatc
         assert confirmed_terms(found).chosen == chosen
 
 
+def test_what_no_other_part_could_confirm_is_named_with_a_remainder():
+    alone = replace(cause("flow_scale"), gain=Gain(50.0, (50.0, 50.0), "segment", (50.0,), ()))
+    assert reported(alone, unknown=0.0)[0] == "named_with_remainder"
+    seen = replace(alone, gain=replace(alone.gain, by=None))
+    assert reported(seen, unknown=0.0)[0] == "named"
+
+
 @pytest.mark.parametrize("probability", [0.97, 1.0])
 def test_one_by_itself_is_named(probability: float):
     assert reported(cause("flow_scale", probability), unknown=0.01)[0] == "named"
