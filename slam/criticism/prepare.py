@@ -121,14 +121,11 @@ def untested_reasons(records: Sequence[Record], shown: Sequence[str]) -> list[st
 
 def is_out_of_model(records: Sequence[Record], model: Model) -> bool:
     """Whether the noise of the instruments is far from the model's: a vehicle of another make."""
-    expected = _models_noise_std(model)
-    for record in records:
-        for kind in range(IMU + 1, len(STREAMS)):
-            channels = channels_of(kind)
-            factor = abs(np.log(record.noise_std[channels[0]] / expected[channels[0]]))
-            if any(map(record.has, channels)) and factor > np.log(OUT_OF_MODEL_FACTOR):
-                return True
-    return False
+    expected, streams = _models_noise_std(model), [channels_of(k) for k in range(IMU + 1, len(STREAMS))]
+    return any(
+        abs(np.log(record.noise_std[c[0]] / expected[c[0]])) > np.log(OUT_OF_MODEL_FACTOR)
+        for record in records for c in streams if any(map(record.has, c))
+    )  # fmt: skip
 
 
 def _models_noise_std(model: Model) -> Array:

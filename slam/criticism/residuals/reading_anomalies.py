@@ -231,7 +231,5 @@ def _share_for(count: int, among: int) -> float:
 
 
 def _lost(taken: int) -> float:
-    for count in range(1, MOST_LOST):
-        if LostPictures(count, taken + count).nats(count / max(taken + count, 1)) >= LOST_NATS:
-            return _share_for(count, taken)
-    return np.inf
+    each = ((n, LostPictures(n, taken + n).nats(n / max(taken + n, 1))) for n in range(1, MOST_LOST))
+    return next((_share_for(count, taken) for count, nats in each if nats >= LOST_NATS), np.inf)

@@ -104,9 +104,8 @@ class CommandedFlights(Evidence):
         with self._rolled_out.part():
             if self._together is None:
                 return ()
-            records, before, after = self.found.records, self._together.before, self._together.after
-            if self.best is not None:
-                after = self.best.left_out
+            records, before = self.found.records, self._together.before
+            after = self._together.after if self.best is None else self.best.left_out
             errors = rollout_errors(records, before, after)
             perturbations = [d for e in self.found.chosen if e.is_term for d in e.perturbations]
             if any(d.kind == "camera" and d.entry < POINTS for d in perturbations):
@@ -170,9 +169,8 @@ class CommandedFlights(Evidence):
         """Return the model with the reported causes: what may as well be something else is left out."""
         seen = {anomaly.name for anomaly in self.anomalies}
         of_streams = [cause.name for cause in causes if cause.name not in seen]
-        return with_terms(
-            extended_model(self.model, parameters, of_streams, self.found.records), self.anomalies
-        )
+        model = extended_model(self.model, parameters, of_streams, self.found.records)
+        return with_terms(model, self.anomalies)
 
 
 def _fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, Interval]:

@@ -286,8 +286,7 @@ def contradictions(
 def changing_sizes(
     found: SearchResult, parameters: FilterParameters, names: Container[str]
 ) -> tuple[SizeOverTime, ...]:
-    """Return the sizes over time of causes of some ``names``, and of what looks like one of these. A delay of
-    readings is no term, and has none."""
+    """Return the sizes over time of causes of some ``names``, and of terms that look like one of these."""
     known = {effect.name for effect in found.chosen}
     others = {e.name: e for e in reversed(found.last.effects) if e.name in names and e.name not in known}
     chosen = [e.free for e in (*found.chosen, *others.values())]

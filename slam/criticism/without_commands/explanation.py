@@ -73,7 +73,8 @@ class ComparedFlights(Evidence):
 
     def _parts(self, part_s: float) -> Parts:
         """Return the rows in parts of some seconds."""
-        fisher, begin_s = fisher_of(self.rows, part_s)
+        rows = [[r.by_own_noise() for r in flight] for flight in self.rows]
+        fisher, begin_s = fisher_of(rows, part_s)
         return Parts(fisher, [flight.name for flight in self.flights], begin_s, part_s)
 
     @cached_property

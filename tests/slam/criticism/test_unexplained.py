@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from slam.criticism import criticise, run
-from slam.criticism.verdict.over_time import _break
+from slam.criticism.verdict.over_time import CERTAIN_Z, _break
+from slam.criticism.without_commands.explanation import ComparedFlights
+from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.data_quality.axes import IN_WORLD, wrong_axes
-from slam.data_quality.inertial_comparison import into_world
+from slam.data_quality.inertial_comparison import Averages, into_world
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from tests.benchmarks.injections import KINDS
@@ -37,6 +40,25 @@ def test_chance_hardly_makes_an_onset_and_a_jump_does():
     assert abs(place - 12) <= 1
     assert change == pytest.approx(8.0, abs=1.5)
     assert z_jump > 5.0
+
+
+@pytest.mark.parametrize("jump", [0.0, 4.0])
+def test_an_onset_is_told_though_the_noise_of_the_rows_has_it_in_it(jump):
+    """A bias that begins half-way makes the rows of a minute scatter, from which they take their noise."""
+    times_s, rng = 0.5 * np.arange(120), np.random.default_rng(3)
+    off = rng.normal(size=120) + jump * (times_s >= 30.0)
+    off, bias = (x / off.std() for x in (off, np.ones(120)))
+    kept = np.ones(120, bool)
+    averages = Averages("yaw from the gyro", "rad", 1, times_s, kept, 0 * kept, [], off[:, None])
+    rows = WhitenedRows("attitude", times_s, off, {"gyro_bias.z": bias}, 1.0, averages)
+    parts = ComparedFlights._parts(SimpleNamespace(rows=[[rows]], flights=[SimpleNamespace(name="a")]), 5.0)
+    own = parts.fisher.columns.index("gyro_bias.z")
+    score, information = parts.fisher.score[:, own], parts.fisher.information[:, own, own]
+    place, change, z = _break(score, information, 1e-3)
+    assert (z > CERTAIN_Z) == (jump > 0.0)
+    if jump:
+        assert place == 6
+        assert change == pytest.approx(jump, rel=0.1)
 
 
 def test_a_tolerance_hides_a_jump_below_it():
