@@ -24,7 +24,6 @@ from slam.simulation.model import Model, load_model
 
 NOTHING_TO_COMPARE = "no command log, and too little of imu and attitude to compare other instruments with"
 NO_LOG, WRONG_AXES = "no command log", "readings of wrong axes, which no motion of the vehicle makes"
-"""Reasons why instruments are compared with each other alone."""
 
 
 def criticise(

@@ -110,8 +110,7 @@ def _nats(records: Sequence[Record], parameters: FilterParameters) -> Array:
 
 def _streams(record: Record) -> dict[int, StampOffsets]:
     """Return the streams with an even clock, by kind."""
-    kinds = np.unique(record.kinds).tolist()
-    found = {kind: stamp_offsets(record.times_s[record.kinds == kind]) for kind in kinds}
+    found = {k: stamp_offsets(record.times_s[record.kinds == k]) for k in np.unique(record.kinds).tolist()}
     return {kind: offsets for kind, offsets in found.items() if offsets is not None}
 
 

@@ -4,8 +4,7 @@ If one size holds everywhere, the score of each part beside the common sizes is 
 many degrees of freedom as the parts have sizes. Common parameters (nuisances, sizes) are projected out.
 
 The greatest difference before and after a moment is the sup-Wald statistic of a break at an unknown time
-(Andrews, 1993). It and the scatter of the parts find different things: an attitude error that comes and goes
-has no moment, and a step by less than half of the size is none of its scatter.
+(Andrews, 1993). An attitude error that comes and goes has no such moment, and a small step is no scatter.
 """
 
 from __future__ import annotations

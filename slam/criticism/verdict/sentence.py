@@ -27,7 +27,7 @@ _AGAIN = (
     "place is the floor's, and one that stays away is the weather's or an instrument's."
 )
 _ADVICE: Mapping[Verdict, tuple[str, str]] = {
-    "nothing_wrong": ("simulate with the model as it is.", "none is needed."),
+    "nothing_wrong": ("{sound}", "none is needed."),
     "ambiguous": (
         "{use}{perhaps}",
         "fly the manoeuvres that docs/recipes.md lists for these effects, and judge them together.",
@@ -57,7 +57,9 @@ def what_to_do(found: Criticism, rest: str, repair: str) -> str:
     correct = _CORRECT if corrects else "these recordings cannot be corrected afterwards."
     use = correct if found.limits else f"give extended.toml to {commands} by --model."
     perhaps = "" if found.limits else " It predicts flights like these, but perhaps no others."
-    return f"{_ADVICE[found.verdict][0].format(use=use, perhaps=perhaps, rest=rest)} {repair}".rstrip()
+    sound = "no instrument needs a correction." if found.limits else "simulate with the model as it is."
+    told = _ADVICE[found.verdict][0].format(use=use, perhaps=perhaps, rest=rest, sound=sound)
+    return f"{told} {repair}".rstrip()
 
 
 def flight_after(found: Criticism) -> str:
@@ -82,7 +84,8 @@ def headline(found: Criticism) -> str:
     """Return at most three short sentences: the finding, then gain, what is unexplained and the limits."""
     match found.verdict:
         case "nothing_wrong":
-            first, seen = "The flights show no error of the model.", len(found.within_reach)
+            judged, seen = "an instrument" if found.limits else "the model", len(found.within_reach)
+            first = f"The flights show no error of {judged}."
             gain = f"They would have shown {seen} of {len(CATALOGUE)} effects at their usual sizes."
         case "unknown":
             first = _unknown(found)

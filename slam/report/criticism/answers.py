@@ -56,6 +56,8 @@ _RIGHT: Mapping[str, str] = {
     "unusable": "Not known: these data cannot be judged.",
 }
 """Verdict -> whether the model is right about the flights."""
+_RIGHT_IN_PART = "Its instruments are, as far as these flights can show. Its motion was not judged."
+"""The same of flights on which nothing is wrong, but whose motion is not judged."""
 _MORE = " More is wrong than that explains."
 _USABLE: Mapping[str, str] = {
     "nothing_wrong": "Yes",
@@ -80,10 +82,13 @@ def criticism_answers(
     """Return questions and answers; only those that apply to a verdict. ``drawn`` are sentences on the parts
     of flights that the page shows, and ``evidence`` is what it shows of each certain cause."""
     unexplained, is_usable = findings_in_words(result), result.verdict != "unusable"
+    right, usable = _RIGHT[result.verdict], _USABLE.get(result.verdict, "")
+    if result.limits and result.verdict == "nothing_wrong":
+        right, usable = _RIGHT_IN_PART, "Its instruments only"
     rows = (
         _item(
             "Is the model right about these flights?",
-            [f"{_RIGHT[result.verdict]}{_MORE * bool(unexplained and result.causes)}"],
+            [f"{right}{_MORE * bool(unexplained and result.causes)}"],
         ),
         _item("What does this result promise, and what not?", promises(result)),
         _item("Which flights were judged, and what was left out?", _judged(result, flights)),
@@ -102,7 +107,7 @@ def criticism_answers(
         ),
         _item(
             "Can I use the model now, and how?",
-            to_use(result, _USABLE[result.verdict]) if is_usable else [],
+            to_use(result, usable) if is_usable else [],
         ),
         _item("What do I fly next?", to_fly(result, flights) if is_usable else []),
         _item(

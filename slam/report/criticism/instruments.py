@@ -47,7 +47,8 @@ def instruments_doubted(result: Criticism, flights: Sequence[Flight] = ()) -> li
         return []
     if not result.causes:
         if result.verdict == "nothing_wrong":
-            return ["Neither: no instrument shows an error, and the model holds."]
+            model = "whether the model of motion holds was not judged" if result.limits else "the model holds"
+            return [f"{'No' if result.limits else 'Neither: no'} instrument shows an error, and {model}."]
         return ["Not known: what is wrong has no name, and may be an instrument's or the model's."]
     of_instruments = [c for c in result.causes if CATALOGUE[c.name].instrument]
     of_vehicle = [c for c in result.causes if c not in of_instruments]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from itertools import product
 from typing import get_args
 
@@ -226,6 +227,10 @@ def test_only_what_shows_at_a_usual_size_counts_as_tested():
     assert headline(finding) == (
         "The flights show no error of the model. They would have shown 3 of 47 effects at their usual sizes."
     )
+    unjudged = replace(finding, limits=LIMITS)
+    assert headline(unjudged).startswith("The flights show no error of an instrument.")
+    assert what_to_do(finding, "", "") == "simulate with the model as it is."
+    assert what_to_do(unjudged, "", "") == "no instrument needs a correction."
     # The smallest visible sizes are reported as such, apart from the usual ones.
     smallest = "Smallest sizes that nine of ten such flights would have shown"
     assert details(finding) == (f"{smallest}: quadratic_drag 0.024 1/m, sonar_scale 3.8 %.",)

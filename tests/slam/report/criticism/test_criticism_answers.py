@@ -13,6 +13,7 @@ from slam.criticism.cause import ChannelError, Gain, Interval
 from slam.criticism.finding import Inconsistency, NameInDoubt, Onset, OutOfRange, ResidualPattern
 from slam.criticism.verdict.criticism import Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
+from slam.report.criticism.answers import criticism_answers
 from slam.report.criticism.cause_evidence import evidence_of_causes, shown_in_short
 from slam.report.criticism.certainty import (
     certainty_rows,
@@ -265,6 +266,17 @@ def test_the_effect_that_looks_like_a_cause_has_a_manoeuvre_too() -> None:
     told = " ".join(to_fly(unjudged, [flight]))
     assert "Log the sticks as well" in told
     assert "delay of the sticks" in told
+
+
+def test_a_model_of_motion_that_was_not_judged_is_not_called_right() -> None:
+    sound = replace(made(), verdict="nothing_wrong", causes=(), findings=(), equivalence_set=())
+    told = " ".join(item.value for item in criticism_answers(replace(sound, limits="No command log.")))
+    assert "motion was not judged" in told
+    assert "whether the model of motion holds was not judged" in told
+    assert "Its instruments only: no instrument needs a correction." in told
+    for claim in ("Yes", "simulate with the model as it is", "the model holds."):
+        assert claim not in told
+        assert claim in " ".join(item.value for item in criticism_answers(sound))
 
 
 @pytest.mark.slow
