@@ -72,8 +72,8 @@ class ComparedFlights(Evidence):
         return axes_of_all(self.flights)
 
     def _parts(self, part_s: float) -> Parts:
-        """Return the rows in parts of some seconds."""
-        rows = [[r.by_own_noise() for r in flight] for flight in self.rows]
+        """Return the rows in parts of some seconds: of less than a segment, by their own noise."""
+        rows = [[r.by_own_noise() if part_s < SEGMENT_S else r for r in flight] for flight in self.rows]
         fisher, begin_s = fisher_of(rows, part_s)
         return Parts(fisher, [flight.name for flight in self.flights], begin_s, part_s)
 
