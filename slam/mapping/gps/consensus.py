@@ -33,6 +33,8 @@ LEAST_FIXES = 4
 """With three fixes any one of them may be the wrong one: two always fit a similarity."""
 _PAIRS = 1000
 MEDIAN_OF_RAYLEIGH, _MEDIAN_OF_NORMAL = 1.1774, 0.6745
+_FITTED = {2: 4, 1: 1}
+"""Numbers that fixes determine of a map: a similarity of the plane, and a height."""
 
 
 @dataclass(frozen=True)
@@ -171,11 +173,15 @@ def exact_agreement(
 
 
 def _within(distance: Array, dimensions: int, least: Array) -> Mask:
-    """Return which distances (n,) in 1 or 2 dimensions are Gaussian noise: ML with hard assignment.
+    """Return which distances (n,) in 1 or 2 dimensions are Gaussian noise, those of a map that follows them.
 
     None below ``least`` (n,) is an outlier. The standard deviation starts from the median and is then that of
-    the accepted distances.
+    the accepted distances, without bias if no outlier is among them.
     """
+
+    def freedom(used: Mask) -> int:
+        return max(dimensions * int(used.sum()) - _FITTED[dimensions], 1)
+
     n = len(distance)
     median = MEDIAN_OF_RAYLEIGH if dimensions == 2 else _MEDIAN_OF_NORMAL
     # Half of the fixes, not one more: the other half may have their altitudes from another reference.
@@ -183,14 +189,13 @@ def _within(distance: Array, dimensions: int, least: Array) -> Mask:
     std = _small_sample(n, dimensions) * half / median
     good = np.ones(n, bool)
     for _ in range(20):
-        left = max(dimensions * int(good.sum()) - 2 * dimensions, 1)
         # Fixes are compared with a deviation that they themselves give: F instead of chi-square.
-        limit = std * np.sqrt(dimensions * f_limit(FALSE_ALARM / n, dimensions, left))
+        limit = std * np.sqrt(dimensions * f_limit(FALSE_ALARM / n, dimensions, freedom(good)))
         now = distance <= np.maximum(limit, least)
         if np.array_equal(now, good) or now.sum() < LEAST_FIXES:
             break
         good = now
-        std = float(np.sqrt(np.sum(distance[good] ** 2) / max(dimensions * int(good.sum()) - 2, 1)))
+        std = float(np.sqrt(np.sum(distance[good] ** 2) / freedom(good)))
     return good
 
 

@@ -109,6 +109,18 @@ def test_outliers_of_twenty_metres_are_found_on_the_refined_map(n):
         assert np.array_equal(np.flatnonzero(~exact_agreement(off, STD).used), np.sort(bad))
 
 
+def test_one_of_six_altitudes_that_is_far_off_is_found_in_most_draws():
+    """The others determine a height alone. Less freedom left for their noise would find half of them."""
+    rng, found = np.random.default_rng(5), []
+    for _ in range(300):
+        off = rng.normal(0, 1, (6, 3))
+        off[2, 2] += 15.0
+        off[:, 2] -= off[np.arange(6) != 2, 2].mean()
+        agreement = exact_agreement(off, (0.01, 0.01, 0.02))
+        found.append(agreement.used.all() and not agreement.altitude_used[2])
+    assert np.mean(found) > 0.62
+
+
 def test_a_fix_within_the_nominal_deviations_stays():
     """Errors of centimetres with one of decimetres, from a receiver that promises metres."""
     off = np.random.default_rng(2).normal(0, 0.01, (20, 3))
