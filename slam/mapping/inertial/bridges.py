@@ -169,7 +169,9 @@ class InertialBridges:
         unchanged.
 
         Each part keeps its shape. A bridge from an earlier part determines its heading and position, and its
-        covariance is added to that of the part.
+        covariance is added to that of the part. A part knows its poses against its first keyframe alone. If
+        the bridge ends at another one, that one's error counts at both ends, so that the sum is too large
+        where the errors of both grow along the flight; the refinement of the whole replaces it.
         """
         if map_.component.max(initial=-1) < 1 or map_.georeferenced:
             return map_
