@@ -62,10 +62,18 @@ def solve(
     for another object.
     """
     check_type(measurements, Measurements, "measurements")
+    _check_stamps(measurements.stamps_s)
     problem, warnings = from_measurements(measurements, initial)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, on_step, deadline, seed)
     return _solve(problem, options, warnings)
+
+
+def _check_stamps(stamps_s: Array) -> None:
+    stamps_s = np.asarray(stamps_s, dtype=np.float64)
+    if not np.isfinite(stamps_s).all():
+        k = int(np.argmin(np.isfinite(stamps_s)))
+        raise BackendError(f"stamps_s: keyframe {k} has the time {stamps_s[k]}; give seconds")
 
 
 def solve_pose_graph(

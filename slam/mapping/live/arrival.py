@@ -103,7 +103,7 @@ def follow_flight(
 
 @dataclass
 class _Followed:
-    """What is known of a flight that grows, on the clock of its first state."""
+    """A flight that grows, on the clock of its first state, and its pictures so far."""
 
     newest: Flight | None = None
     """The last state that could be read."""

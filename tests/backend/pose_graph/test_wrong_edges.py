@@ -36,3 +36,10 @@ def test_the_incremental_solver_refuses_the_same():
     graph.add(w_T_b=np.eye(4))
     with pytest.raises(BackendError, match="kind is 'visual'"):
         graph.add((replace(EDGE, kind="visual"),))
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_a_stamp_that_is_no_number_is_refused(wrong):
+    step = RelativePose(0, 1, np.eye(4), np.eye(6), "odometry")
+    with pytest.raises(BackendError, match="stamps_s: keyframe 1 has the time"):
+        solve(Measurements(np.array([0.0, wrong]), (step,)))
