@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from backend.pose_graph.problem import Problem
-from backend.quantiles import chi_square_quantile
+from backend.quantiles import chi_square_limit, chi_square_quantile
 
-CONFIDENCE = 0.999
-"""Confidence level of the global test and of the gate of one edge."""
+SIGNIFICANCE = 1e-3
+"""Significance level of the global test and of all gates, and limit of the false discovery rate."""
 _FAR_BELOW = 0.1
 """Ratio of a chi-square to its degrees of freedom below which the stated covariances are questioned."""
 
@@ -31,7 +31,7 @@ class ChiSquare:
     @property
     def is_below(self) -> bool:
         """Whether the statistic is too small by chance: the stated covariances are too large."""
-        return self.dof > 0 and self.statistic < chi_square_quantile(1 - CONFIDENCE, self.dof)
+        return self.dof > 0 and self.statistic < chi_square_quantile(SIGNIFICANCE, self.dof)
 
     def at(self, noise: float) -> ChiSquare:
         """Return the test with the standard deviations of all edges multiplied by a factor."""
@@ -61,9 +61,9 @@ def edges_test(dof: int, poses: int, edges: int, unary_rows: int, statistic: flo
     tree = dof * (poses - 1)
     free = dof * edges - tree + min(unary_rows, tree)
     # A tree of edges always fits: its residuals are rounding errors.
-    return ChiSquare(statistic, free, chi_square_quantile(CONFIDENCE, free) if free > 0 else np.inf)
+    return ChiSquare(statistic, free, chi_square_gate(free) if free > 0 else np.inf)
 
 
-def edge_limit(problem: Problem) -> float:
-    """Return the whitened norm that a true edge exceeds with probability 0.001."""
-    return float(np.sqrt(chi_square_quantile(CONFIDENCE, problem.dof)))
+def chi_square_gate(dof: int) -> float:
+    """Return the squared whitened distance of ``dof`` numbers that a true edge exceeds once in a thousand."""
+    return chi_square_limit(SIGNIFICANCE, dof)

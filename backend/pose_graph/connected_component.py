@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from backend.gauge import format_directions, format_keys, gauge_prior, unobserved_directions
 from backend.measurements import Rejection
-from backend.pose_graph.chi_square import CONFIDENCE
+from backend.pose_graph.chi_square import SIGNIFICANCE
 from backend.pose_graph.elimination import elimination_exceeds
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,
@@ -185,7 +185,7 @@ def _warnings(problem: Problem, fit: GraphFit) -> list[str]:
 
 def _gate(count: int, rows: int) -> float:
     """Return the squared whitened error (``rows``) that any of ``count`` good ones exceeds once in 1000."""
-    return chi_square_limit((1.0 - CONFIDENCE) / count, rows)
+    return chi_square_limit(SIGNIFICANCE / count, rows)
 
 
 def is_placed_alone(problem: Problem) -> bool:

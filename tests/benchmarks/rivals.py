@@ -12,7 +12,7 @@ import networkx
 import numpy as np
 
 from backend import se3
-from backend.pose_graph.chi_square import CONFIDENCE, edge_limit
+from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,
     Options,
@@ -23,7 +23,7 @@ from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.initialize import spanning_tree
 from backend.pose_graph.problem import Problem, from_pose_graph
 from backend.pose_graph.selection.chains import chain_members
-from backend.pose_graph.selection.prediction import chi_square_gate, squared_mahalanobis
+from backend.pose_graph.selection.prediction import squared_mahalanobis
 from backend.pose_graph.unary_factors import fixed, gtsam_poses
 
 Array = np.ndarray
@@ -37,7 +37,7 @@ _EXACT = 150
 def cauchy(graph: PoseGraph) -> tuple[Array, Array]:
     """Reject loops that are outliers after a solve with Cauchy's kernel on every loop."""
     problem, gauge_fixed, w_T = _robust_solve(graph, gtsam.noiseModel.mEstimator.Cauchy.Create(1.0))
-    near = np.linalg.norm(problem.residuals(w_T), axis=1) <= edge_limit(problem)
+    near = np.linalg.norm(problem.residuals(w_T), axis=1) <= np.sqrt(chi_square_gate(problem.dof))
     return _solved(gauge_fixed, problem.trusted | near, w_T)
 
 
@@ -76,7 +76,7 @@ def gnc(graph: PoseGraph) -> tuple[Array, Array]:
     params.setLossType(gtsam.GncLossType.TLS)
     params.setKnownInliers([*np.flatnonzero(problem.trusted).tolist(), *range(m, factors.size())])
     optimizer = gtsam.GncLMOptimizer(factors, problem.values(odometry), params)
-    optimizer.setInlierCostThresholdsAtProbability(CONFIDENCE)
+    optimizer.setInlierCostThresholdsAtProbability(1 - SIGNIFICANCE)
     w_T = problem.poses(gtsam.Values(optimizer.optimize()))
     return _solved(gauge_fixed, np.asarray(optimizer.getWeights())[:m] > 0.5, w_T)
 

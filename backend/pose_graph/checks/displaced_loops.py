@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.pose_graph.checks.solved_parts import solved_parts
+from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.null_loops import NullLoops
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
-from backend.pose_graph.selection.prediction import SIGNIFICANCE, chi_square_gate, squared_mahalanobis
+from backend.pose_graph.selection.prediction import squared_mahalanobis
 from backend.pose_graph.solution import Solution
 from backend.quantiles import binomial_tail
 

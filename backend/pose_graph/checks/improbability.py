@@ -8,11 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.pose_graph.chi_square import SIGNIFICANCE
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import log_odds
 from backend.pose_graph.selection.evidence import log_unit_volumes, odometry_log_odds
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
-from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale
+from backend.pose_graph.selection.prediction import noise_scale
 from backend.quantiles import binomial_tail
 
 Array = NDArray[np.float64]

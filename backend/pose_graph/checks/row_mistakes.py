@@ -16,16 +16,13 @@ from scipy.spatial.transform import Rotation
 
 from backend import se3
 from backend.pose_graph.checks.solved_parts import posterior_samples, solved_parts
+from backend.pose_graph.chi_square import chi_square_gate
 from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import TAIL_FACTOR, sharp_agreements
 from backend.pose_graph.selection.null_loops import NullLoops
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
-from backend.pose_graph.selection.prediction import (
-    chi_square_gate,
-    innovations,
-    noise_scale,
-)
+from backend.pose_graph.selection.prediction import innovations, noise_scale
 from backend.pose_graph.solution import RowMistake, Solution
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ from scipy.sparse import csc_array
 
 from backend import se3
 from backend.pose_graph.checks.score_test import ChiSquareModel, LinearisedEdges, by_end
+from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.prediction import SIGNIFICANCE, chi_square_gate
 from backend.quantiles import chi_square_limit
 
 Array = NDArray[np.float64]

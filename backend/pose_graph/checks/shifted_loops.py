@@ -18,8 +18,8 @@ from scipy.sparse import csc_array
 
 from backend.gauge import format_keys
 from backend.pose_graph.checks.score_test import ChiSquareModel, LinearisedEdges
+from backend.pose_graph.chi_square import SIGNIFICANCE
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.prediction import SIGNIFICANCE
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

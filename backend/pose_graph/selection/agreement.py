@@ -18,13 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.null_loops import NullLoops
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import (
-    SIGNIFICANCE,
     LoopInnovations,
-    chi_square_gate,
     first_scale,
     innovations,
     log_volume,

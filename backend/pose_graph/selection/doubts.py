@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.pose_graph.chi_square import SIGNIFICANCE
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.chains import chain_members
 from backend.pose_graph.selection.places import place_pairs
-from backend.pose_graph.selection.prediction import SIGNIFICANCE
 from backend.quantiles import binomial_tail
 
 Index = NDArray[np.int64]

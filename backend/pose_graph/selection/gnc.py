@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.pose_graph.chi_square import edge_limit
+from backend.pose_graph.chi_square import chi_square_gate
 from backend.pose_graph.descent import OnStep
 from backend.pose_graph.elimination import set_ordering
 from backend.pose_graph.problem import Problem
@@ -34,7 +34,7 @@ def gnc_inliers(
     suffice since each starts from the last result. Returns (m,) kept and the final poses.
     Source: Yang, Antonante, Tzoumas, Carlone 2020 (RA-L), equations 12 to 14.
     """
-    c2 = edge_limit(problem) ** 2
+    c2 = chi_square_gate(problem.dof)
     trusted_factors = problem.with_edges(~candidate).edge_factors()
     trusted_factors.push_back(anchors)
     loops = problem.with_edges(candidate)

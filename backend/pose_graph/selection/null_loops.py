@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.pose_graph.chi_square import chi_square_gate
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.prediction import (
-    chi_square_gate,
     log_prior_volume,
     log_volume,
     squared_mahalanobis,

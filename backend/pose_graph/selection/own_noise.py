@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.errors import BackendError
+from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, initial_poses
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.chains import chain_members
 from backend.pose_graph.selection.growth import held_part, odometry_poses, part_samples
 from backend.pose_graph.selection.prediction import (
-    SIGNIFICANCE,
     LoopInnovations,
-    chi_square_gate,
     innovations,
     likely_scale,
     log_prior_volume,

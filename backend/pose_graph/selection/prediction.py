@@ -12,6 +12,7 @@ from scipy.sparse import csc_array
 from scipy.special import gammaln
 
 from backend import se3
+from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
 from backend.pose_graph.linear import cholesky, elimination_order, jacobian
 from backend.pose_graph.problem import Problem
 from backend.quantiles import chi_square_quantile
@@ -19,9 +20,6 @@ from backend.quantiles import chi_square_quantile
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
-
-SIGNIFICANCE = 1e-3
-"""Significance level of all gates, and limit of the false discovery rate."""
 
 _EM_ITERATIONS = 50
 _MIN_SCALE = 1e-3
@@ -101,11 +99,6 @@ def _solve_by_axes(covariance: Array, right: Array) -> Array:
     values, axes = np.linalg.eigh(covariance)
     along = np.swapaxes(axes, -1, -2) @ right
     return np.asarray(axes @ (along / np.maximum(values, 1.0)[..., None]))
-
-
-def chi_square_gate(d: int) -> float:
-    """Return the squared Mahalanobis distance that a true loop exceeds once in a thousand."""
-    return chi_square_quantile(1 - SIGNIFICANCE, d)
 
 
 def log_volume(covariance: Array, within: float) -> Array:

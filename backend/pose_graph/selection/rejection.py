@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from backend import se3
 from backend.errors import BackendError
 from backend.measurements import LinkCheck, Misfit, Rejection
-from backend.pose_graph.chi_square import edge_limit
+from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,
     GraphFit,
@@ -27,7 +27,7 @@ from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
 from backend.pose_graph.selection.own_noise import are_selective
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
-from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale, sample_posterior
+from backend.pose_graph.selection.prediction import noise_scale, sample_posterior
 from backend.pose_graph.selection.selected import Selection
 from backend.pose_graph.selection.step_support import may_be_wrong
 from backend.pose_graph.selection.swap import swap_loops
@@ -202,7 +202,7 @@ def _evidence_gain(
     if with_tails:
         scale = here.scale * tail_inflation(here.scale * problem.noise)
         here, there = replace(here, scale=scale), replace(there, scale=scale)
-        in_tail = other.kept & ~found.kept & (found.innovation_sigma > edge_limit(problem))
+        in_tail = other.kept & ~found.kept & (found.innovation_sigma > np.sqrt(chi_square_gate(problem.dof)))
         log_prior = float(np.log(SIGNIFICANCE)) * np.count_nonzero(in_tail)
     return there.evidence(here.odds) - here.evidence(here.odds) + log_prior
 
@@ -215,7 +215,7 @@ def has_loops_on_odometry(problem: Problem) -> bool:
 
 def _outliers(problem: Problem, found: Selection, among: Mask) -> Mask:
     off = np.linalg.norm(problem.residuals(found.fit.w_T), axis=1)
-    return np.asarray(among & (off > edge_limit(problem)))
+    return np.asarray(among & (off > np.sqrt(chi_square_gate(problem.dof))))
 
 
 def _swap(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
@@ -312,7 +312,9 @@ def _misfits(problem: Problem, found: Selection, candidate: Mask) -> Mask:
     if found.fit.test.passed:
         return np.zeros_like(candidate)
     scale = max(1.0, noise_scale(problem, found.kept, found.fit.w_T))
-    return np.asarray(found.kept & candidate & (found.innovation_sigma > edge_limit(problem) * scale))
+    return np.asarray(
+        found.kept & candidate & (found.innovation_sigma > np.sqrt(chi_square_gate(problem.dof)) * scale)
+    )
 
 
 def reasons(
@@ -324,7 +326,7 @@ def reasons(
     deviations of ``noise`` times the stated ones. Where these are others, the reason says so.
     """
     whose = "" if noise == 1 else f"each {noise:.2g} of a stated one, as the loops show"
-    rejected, limit = np.flatnonzero(~kept), edge_limit(problem)
+    rejected, limit = np.flatnonzero(~kept), np.sqrt(chi_square_gate(problem.dof))
     i, j = problem.i[rejected], problem.j[rejected]
     off = se3.log(se3.inverse(problem.ij_T[rejected]) @ se3.inverse(w_T[i]) @ w_T[j])
     lengths, degrees = np.linalg.norm(off[:, 3:], axis=1), np.degrees(np.linalg.norm(off[:, :3], axis=1))

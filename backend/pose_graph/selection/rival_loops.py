@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.pose_graph.chi_square import SIGNIFICANCE
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.growth import coarse_solver
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
-from backend.pose_graph.selection.prediction import SIGNIFICANCE
 from backend.pose_graph.selection.swap import LocalSearch, one_loop_a_place
 
 Array = NDArray[np.float64]

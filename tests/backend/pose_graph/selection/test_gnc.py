@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from backend import se3
-from backend.pose_graph.chi_square import edge_limit
+from backend.pose_graph.chi_square import chi_square_gate
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.unary_factors import fixed
@@ -19,7 +19,7 @@ def test_gnc_rejects_an_edge_beyond_the_gate_and_keeps_one_within(dimension: int
     made = graph(1, dimension, n=30, noise=0.0)
     problem = from_pose_graph(made)
     loop, d = len(made.i) - 1, problem.dof
-    whitened = np.full(d, limits * edge_limit(problem) / np.sqrt(d))
+    whitened = np.full(d, limits * np.sqrt(chi_square_gate(problem.dof)) / np.sqrt(d))
     xi = np.linalg.solve(problem.sqrt_information[loop], whitened)
     error = se3.from_planar(xi[None])[0] if dimension == 2 else se3.exp(xi[None])[0]
     ij_T = problem.ij_T.copy()
