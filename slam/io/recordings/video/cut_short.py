@@ -21,19 +21,24 @@ _HEAD_BYTES = 1 << 16
 """Bytes at the beginning that hold the headers of a file."""
 _SEGMENT = bytes.fromhex("18538067")
 """The element of Matroska that holds the pictures."""
+_STREAMED = 1 << 30
+"""Count of pictures in an AVI file that FFmpeg streams to a pipe, where it cannot go back to write the true
+one (``AVI_MAX_RIFF_SIZE`` in libavformat/avienc.c). Lengths are not stated there either."""
 
 
 def without_cut_end(path: Path, shown_s: Array) -> tuple[Array, tuple[str, ...]]:
     """Return the times of the pictures that are whole, and a line where the file has fewer than it states.
 
     ``shown_s`` (n,) are the times of the packets in seconds, in the order of the file. In an AVI file that is
-    cut short, the last packet is decoded in part and therefore left out.
+    cut short, the last packet is decoded in part and therefore left out, also where it is the only one.
     """
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     size = path.stat().st_size
     if head.startswith(b"RIFF"):
         stated, rate_hz = _stated_pictures(head)
+        if stated >= _STREAMED:
+            return shown_s, ()
         held = len(shown_s) if len(shown_s) < 2 else 1 + round(float(np.ptp(shown_s)) * rate_hz)
         if 0 < stated <= held:
             return shown_s, ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,6 +25,8 @@ _READ_ON = 64
 """A picture so close ahead is reached by decoding on, which is faster than a jump to a key picture."""
 
 _FFMPEG_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+_OPENING = threading.Lock()
+"""Held while a video is opened, since the variable belongs to the whole process."""
 
 
 class VideoPictures:
@@ -110,17 +113,18 @@ def _read_by_index() -> Iterator[None]:
     """Let FFmpeg find the packets of an AVI file by its index, where it has one.
 
     Otherwise FFmpeg reads on from packet to packet and counts them for the times, so that all pictures
-    behind a damaged place come too early. OpenCV passes FFmpeg's flags by this variable alone.
+    behind a damaged place come too early. OpenCV passes FFmpeg's flags by this variable alone. Options that
+    the user has set there stay.
     """
-    before = os.environ.get(_FFMPEG_OPTIONS)
-    os.environ[_FFMPEG_OPTIONS] = "fflags;sortdts"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[_FFMPEG_OPTIONS]
-        else:
-            os.environ[_FFMPEG_OPTIONS] = before
+    with _OPENING:
+        before = os.environ.get(_FFMPEG_OPTIONS, "")
+        os.environ[_FFMPEG_OPTIONS] = "|".join(filter(None, (before, "fflags;sortdts")))
+        try:
+            yield
+        finally:
+            os.environ.pop(_FFMPEG_OPTIONS, None)
+            if before:
+                os.environ[_FFMPEG_OPTIONS] = before
 
 
 def opened(path: Path) -> cv2.VideoCapture:

@@ -13,7 +13,7 @@ from backend.wording import either
 from slam.core.progress import Progress
 from slam.io.content import HEAD_BYTES
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
-from slam.io.files import brief, read_bytes
+from slam.io.files import brief, read_bytes, refusal
 from slam.io.recordings.recording import COPY_AGAIN, Content, Offer, PictureChannel, Recording
 from slam.io.recordings.tables.table import KIND, RULES
 from slam.io.recordings.video.cut_short import without_cut_end
@@ -196,11 +196,12 @@ def _opened(path: Path) -> _Video:
     tracks = read_tracks(path) if is_mp4 else ()
     size_px = first_size_of(path)
     of_pictures = next((track for track in tracks if track.handler == "vide"), None)
-    has_index = of_pictures is not None and len(of_pictures.stamps_s) > 0
-    if of_pictures is not None and has_index:
+    if of_pictures is not None and (len(of_pictures.stamps_s) > 0 or of_pictures.lost > 0):
         shown, damage = of_pictures.stamps_s, _lost_pictures(of_pictures)
     else:
         shown, damage = without_cut_end(path, packet_times(path))
+    if not len(shown):
+        raise refusal(path, "is a video that is cut short within its first picture", COPY_AGAIN)
     stamps_s = np.unique(shown) - shown.min()
     is_timed = len(stamps_s) > 1 or len(shown) == 1
     if not is_timed:

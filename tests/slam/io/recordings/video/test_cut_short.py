@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slam.core.errors import InputError
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.formats import open_recording
+from slam.io.recordings.video.mp4 import read_tracks
 from tests.slam.io.recordings.video.made_video import CONTAINERS, box, grey_of, video
 
 RATE_HZ = 10.0
@@ -87,6 +89,34 @@ def test_an_mp4_file_that_is_cut_behind_its_index_is_told_and_loses_its_incomple
     assert is_in_time(found)
     said = f"the file is cut short: {lost} of 40 pictures of its index lie beyond its end"
     assert any(said in line for line in flight.warnings)
+
+
+def test_a_video_that_is_cut_within_its_first_picture_is_refused(tmp_path):
+    path = video(tmp_path / "a.avi", codec="MJPG")
+    content = path.read_bytes()
+    path.write_bytes(content[: places_of_pictures(content)[1] - 20])
+    with pytest.raises(InputError, match=r"a\.avi: is a video that is cut short within its first picture"):
+        read(path)
+
+
+def test_an_mp4_file_that_ends_within_its_first_picture_is_refused(tmp_path):
+    path = with_index_first(video(tmp_path / "a.mp4"))
+    (track,) = read_tracks(path)
+    path.write_bytes(path.read_bytes()[: int(track.offsets[0] + track.sizes[0]) - 1])
+    with pytest.raises(InputError, match=r"a\.mp4: is a video that is cut short within its first picture"):
+        read(path)
+
+
+@pytest.mark.parametrize("length", [0, 0xFFFFFFFF])
+def test_an_avi_file_that_was_streamed_states_no_count_and_no_length(tmp_path, length):
+    path = video(tmp_path / "a.avi", codec="MJPG")
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<I", content, 4, length)
+    struct.pack_into("<I", content, content.index(b"vids") - 8 + 40, 1 << 30)
+    path.write_bytes(content)
+    flight = read(path)
+    assert [number for number, _ in numbers_and_stamps(flight)] == list(range(40))
+    assert not any("cut short" in line or "missing" in line for line in flight.warnings)
 
 
 def with_index_first(path: Path) -> Path:
