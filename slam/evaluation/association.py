@@ -41,12 +41,18 @@ class Association:
     dimensions: int = 3
     """Number of compared axes. It is 2 where the reference has no height: no error then includes z."""
     between_rows: Array | None = None
-    """(m, 2) interpolation errors of the truth itself, in rad and m; None for GPS."""
+    """(m, 2) interpolation errors of the truth by its own curvature, in rad and m; None for GPS."""
+    map_off_line: Array | None = None
+    """(m, 2) how far the map leaves the straight line between rows, in rad and m; None for GPS. Either may
+    be wrong there: the map, or the line."""
+    to_row_s: Array | None = None
+    """(m,) time to the nearest row of the truth, in seconds; None for GPS."""
 
     def of(self, which: NDArray[np.bool_], reason: str) -> Association:
         """Return the association of some keyframes (m,); the others are left out for a reason."""
         left_out = self.left_out | {reason: self.left_out.get(reason, 0) + int((~which).sum())}
-        w_T_b, between = (None if a is None else a[which] for a in (self.w_T_b, self.between_rows))
+        about = (self.w_T_b, self.between_rows, self.map_off_line, self.to_row_s)
+        w_T_b, between, off_line, to_row_s = (None if a is None else a[which] for a in about)
         return replace(
             self,
             keyframe=self.keyframe[which],
@@ -54,6 +60,8 @@ class Association:
             w_T_b=w_T_b,
             left_out=left_out,
             between_rows=between,
+            map_off_line=off_line,
+            to_row_s=to_row_s,
         )
 
 
@@ -170,15 +178,15 @@ def _with_truth(
     at_s = np.clip(stamps_s[keyframe], times_s[0], times_s[-1])
     left, right = _neighbours(times_s, at_s)
     w_T_b = _interpolated(times_s, poses, at_s, left, right)
-    missed = _missed_between_rows(times_s, poses, at_s, left, right)
-    by_map = off_the_chord(estimate, keyframe, at_s, w_T_b, times_s[left], times_s[right])
     return Association(
         reference="truth",
         keyframe=keyframe,
         position_m=w_T_b[:, :3, 3].copy(),
         w_T_b=w_T_b,
         left_out=left_out,
-        between_rows=np.maximum(missed, by_map),
+        between_rows=_missed_between_rows(times_s, poses, at_s, left, right),
+        map_off_line=off_the_chord(estimate, keyframe, at_s, w_T_b, times_s[left], times_s[right]),
+        to_row_s=np.minimum(at_s - times_s[left], times_s[right] - at_s),
     )
 
 

@@ -35,23 +35,24 @@ def off_the_chord(
 ) -> Array:
     """Return (m, 2) how far keyframes of a map are from those on a line between two moments, in rad and m.
 
-    ``at_s`` (m,) are the increasing times of the keyframes, ``begin_s`` and ``end_s`` (m,) those of the rows
+    ``at_s`` (m,) are the times of the keyframes in order, ``begin_s`` and ``end_s`` (m,) those of the rows
     of the truth about them, and ``true_w_T_b`` (m, 4, 4) the poses interpolated between these rows, for the
     scale of a map without metres. It is 0 where fewer than two keyframes fit between the rows, and where the
     noise of the map may be all of it.
     """
     off, w_T_b = np.zeros((len(at_s), 2)), estimate.w_T_b[keyframe]
-    if len(at_s) < 3:
+    known_s, first_at = np.unique(at_s, return_index=True)
+    if len(known_s) < 3:
         return off
-    wide = end_s - begin_s >= _FEWEST_BETWEEN * float(np.median(np.diff(at_s)))
+    wide = end_s - begin_s >= _FEWEST_BETWEEN * float(np.median(np.diff(known_s)))
     if not wide.any():
         return off
-    times_s = np.clip(np.stack([begin_s, end_s])[:, wide], at_s[0], at_s[-1])
+    times_s = np.clip(np.stack([begin_s, end_s])[:, wide], known_s[0], known_s[-1])
     position, rotations = w_T_b[:, :3, 3], Rotation.from_matrix(w_T_b[:, :3, :3])
-    turns = Slerp(at_s, rotations)
+    turns = Slerp(known_s, rotations[first_at])
     span_s = times_s[1] - times_s[0]
     share = np.divide(at_s[wide] - times_s[0], span_s, out=np.zeros_like(span_s), where=span_s > 0)[:, None]
-    ends = [np.column_stack([np.interp(t, at_s, axis) for axis in position.T]) for t in times_s]
+    ends = [np.column_stack([np.interp(t, known_s, axis) for axis in position[first_at].T]) for t in times_s]
     chord = ends[0] + share * (ends[1] - ends[0])
     first, last = turns(times_s[0]), turns(times_s[1])
     on_chord = first * Rotation.from_rotvec(share * (first.inv() * last).as_rotvec())

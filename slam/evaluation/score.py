@@ -14,7 +14,7 @@ from slam.core.flight import Flight
 from slam.core.summary import without_nan
 from slam.evaluation.aligned_maps import AlignedMaps, aligned_maps
 from slam.evaluation.association import Association, associate, incomplete_rows, seeing_camera
-from slam.evaluation.coarse_truth import judged_by_truth, too_coarse
+from slam.evaluation.coarse_truth import FewRows, judged_by_truth, too_coarse, too_few_rows
 from slam.evaluation.landmarks import (
     LandmarkDistance,
     LandmarkPlace,
@@ -94,6 +94,8 @@ class Evaluation:
     tracks: Tracks
     truth_clock: TruthClock | None = None
     """How late the truth's stamps are, where a shift of them at least halves the errors."""
+    too_few_rows: FewRows | None = None
+    """Keyframes whose errors may be those of the truth instead; None where the truth has rows enough."""
     incomplete_rows: int = 0
     """Number of rows of the truth that hold no whole pose, as one with the quaternion 0 0 0 0."""
     metric: bool = True
@@ -113,6 +115,7 @@ class Evaluation:
             "ate_m": _errors(self.ate_m),
             "ate_aligned_m": _errors(self.ate_aligned_m),
             "ate_sim3_m": {**_errors(self.ate_sim3_m), "scale": self.scale},
+            "too_few_truth_rows": _few_rows(self.too_few_rows),
             "incomplete_truth_rows": self.incomplete_rows,
             "truth_clock": None if self.truth_clock is None else dict(vars(self.truth_clock)),
             "rpe": {error.step: _relative(error) for error in self.rpe},
@@ -166,6 +169,7 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
         landmarks_on_chain=landmarks_on_chain(estimate, flight, association),
         loops=_loops(estimate, flight, association),
         tracks=_tracks(estimate, flight, association, maps, per_keyframe),
+        too_few_rows=too_few_rows(estimate, association),
         incomplete_rows=0 if flight.truth is None else incomplete_rows(flight.truth),
         metric=estimate.metric,
         trajectory_names=estimate.trajectory_names,
@@ -248,6 +252,10 @@ def _tracks(
 
 def _errors(errors: ErrorSummary) -> dict[str, float]:
     return {"rmse": errors.rmse, "max": errors.max}
+
+
+def _few_rows(few: FewRows | None) -> dict[str, Any] | None:
+    return None if few is None else {**vars(few), "ate_at_rows_m": _errors(few.ate_at_rows_m)}
 
 
 def _relative(error: RelativeError) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from slam.evaluation.coarse_truth import BETWEEN_ROWS
 from slam.evaluation.landmarks import LandmarkPlace, over_papers_ground
 from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
 from slam.report.tables.check_points import checked_lengths, off_check_points
-from slam.report.tables.truth import clock_of_truth, rows_about_truth, unit_of_truth
+from slam.report.tables.truth import clock_of_truth, rows_about_truth, too_coarse_to_tell, unit_of_truth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -122,9 +122,13 @@ def _map_against_truth(evaluation: Evaluation) -> str:
         )
     if evaluation.truth_clock is not None:
         text += f" But {clock_of_truth(evaluation.truth_clock)}."
+    if evaluation.too_few_rows is not None:
+        text += f" But {too_coarse_to_tell(evaluation.too_few_rows)}."
     if evaluation.nees is not None:
         pose = evaluation.nees.pose
-        if pose.mean > pose.upper95:
+        if evaluation.too_few_rows is not None:
+            text += " For the same reason it does not tell whether the stated uncertainty is right."
+        elif pose.mean > pose.upper95:
             text += (
                 " The errors of places and angles together are larger than the stated uncertainty allows: "
                 f"trust it less. Those of places alone are {as_stated(evaluation.nees.position)}."
@@ -265,7 +269,9 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
         band = f"{pose.lower95:.2f} to {pose.upper95:.2f}"
         without = f"; {coarse}, left out" if evaluation.too_coarse else ""
         verdict = (
-            "no, it is too small"
+            "not known, the truth is too coarse to tell"
+            if evaluation.too_few_rows is not None
+            else "no, it is too small"
             if pose.mean > pose.upper95
             else "it is larger than needed"
             if pose.mean < pose.lower95

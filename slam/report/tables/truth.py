@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from backend.wording import counted, either
 from slam.core.units import length
 
 if TYPE_CHECKING:
+    from slam.evaluation.coarse_truth import FewRows
     from slam.evaluation.score import Evaluation
     from slam.evaluation.truth_clock import TruthClock
 
@@ -42,7 +46,24 @@ def rows_about_truth(evaluation: Evaluation) -> list[tuple[str, str]]:
         )
     if evaluation.truth_clock is not None:
         rows.append(("clock of the truth", clock_of_truth(evaluation.truth_clock)))
+    if evaluation.too_few_rows is not None:
+        rows.append(("rows of the truth", too_coarse_to_tell(evaluation.too_few_rows)))
     return rows
+
+
+def too_coarse_to_tell(few: FewRows) -> str:
+    """Return that the errors between rows may be those of the truth, those at rows, and what to do."""
+    off = [f"{few.off_line_deg:.2g} deg"] * (few.off_line_deg > 0) + [length(few.off_line_m)] * (
+        few.off_line_m > 0
+    )
+    error = few.ate_at_rows_m.rmse
+    near = f"at the {counted(few.at_rows, 'keyframe')} nearest to rows the aligned position error is "
+    near += f"typically {length(error)}" if np.isfinite(error) else "not told, they are too few"
+    return (
+        f"the truth is too coarse to tell whether the map is wrong, or the straight line between two rows: "
+        f"{counted(few.keyframes, 'keyframe')} {either(few.keyframes, 'leaves', 'leave')} it by up to "
+        f"{' and '.join(off)}; {near}; give more rows of the truth"
+    )
 
 
 def clock_of_truth(clock: TruthClock) -> str:
