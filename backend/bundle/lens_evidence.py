@@ -49,7 +49,7 @@ def log_evidence_of_priors(optimum: BundleOptimum, cameras: Sequence[PinholeMode
     off = (lens - prior_calibration(optimum.problem.camera)) / unit
     posterior = np.linalg.inv(found / scale)
     information = posterior - np.linalg.inv(prior / scale)
-    # The gradient of the likelihood by the told numbers: at the estimate, the prior holds against it.
+    # The gradient of the likelihood by the stated numbers: at the estimate, the prior holds against it.
     gradient = posterior @ off
     priors = [prior_covariance(camera) / scale for camera in cameras]
     under_narrowest = np.linalg.solve(information + np.linalg.inv(priors[0]), gradient)

@@ -56,7 +56,7 @@ def solve_rounds(
             # Only now, as the lens is less certain than the poses of a poor initial guess.
             problem = replace(problem, self_calibrates=True)
             at = start_calibration(at, camera)
-            # What the told lens does not explain is no outlier yet, and no noise.
+            # What the stated lens does not explain is no outlier yet, and no noise.
             used = np.ones(len(tracks.track), bool)
             noise = replace(
                 first, inertial=noise.inertial, reported=noise.reported, slope_rad=noise.slope_rad

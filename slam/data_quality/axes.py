@@ -66,7 +66,7 @@ def wrong_axes(flight: Flight, kinds: Collection[str] = tuple(WAYS)) -> tuple[li
         if scores[best] - max(scores[right], 0.0) > CERTAIN_Z:
             words = [_words(kind, k, best) for k in range(len(ways)) if _differs(best, k)]
             words = [IN_WORLD] if best.in_world else words
-            wrong += [Remark(told, channel=kind) for told in words]
+            wrong += [Remark(text, channel=kind) for text in words]
             if kind == "attitude":
                 break  # the other integrals go by the attitude
             continue

@@ -252,11 +252,11 @@ def _rows(trials: tuple[Trial, ...]) -> tuple[Row, ...]:
     def row(name: str, key: str, theirs: Mapping[str, float]) -> Row:
         return Row(name, "m", theirs, {OURS: over_seeds(trials, key)})
 
-    lines = ((VELOCITY, VELOCITY_MM), (VISUAL, VISUAL_MM), (MAP, LOCALISED_MM))
+    ways = ((VELOCITY, VELOCITY_MM), (VISUAL, VISUAL_MM), (MAP, LOCALISED_MM))
     floors = [
         row(f"{floor}: {way}", f"{floor}/{way}", {REAL: theirs[floor] / 1e3} if floor in theirs else {})
         for floor in PATH_M
-        for way, theirs in lines
+        for way, theirs in ways
     ]
     freedom = [
         row(f"{MAGAZINES}: pairs give {name}", f"{MAGAZINES}/{name}", {REAL: mm / 1e3})

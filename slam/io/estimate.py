@@ -28,7 +28,7 @@ import json
 import tokenize
 import zipfile
 import zlib
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -287,4 +287,6 @@ def _trajectory_names(record: dict[str, Any]) -> tuple[str, str, str]:
 
 def _camera(record: dict[str, Any]) -> Camera:
     tuples = {name: tuple(record[name]) for name in ("focal_px", "center_px", "size_px", "distortion")}
-    return Camera(**{**record, **tuples, "b_T_c": np.array(record["b_T_c"], dtype=float).reshape(4, 4)})
+    # A map of another version may have further fields.
+    known = {field.name: record[field.name] for field in fields(Camera) if field.name in record}
+    return Camera(**{**known, **tuples, "b_T_c": np.array(record["b_T_c"], dtype=float).reshape(4, 4)})

@@ -125,7 +125,7 @@ def _with_refuted_freed(finished: _Finished, flight: Flight) -> _Finished:
 
 
 def _without_odd_focal(finished: _Finished, flight: Flight) -> _Finished:
-    """Warn of an odd focal length that a map has estimated, and map again with the told one where it is
+    """Warn of an odd focal length that a map has estimated, and map again with the stated one where it is
     better.
     """
     context, refined = finished.context, finished.refined
@@ -141,7 +141,7 @@ def _without_odd_focal(finished: _Finished, flight: Flight) -> _Finished:
 def _again(first: _Finished, flight: Flight, freed: Freed) -> _Finished | None:
     """Return the map with freed calibrations; None where no map comes out of it.
 
-    With another lens the pictures are rectified anew: features that the told one makes move are found again.
+    The pictures are rectified anew for another lens: features that the old one made move are found again.
     """
     job = first.context.job
     try:

@@ -215,7 +215,7 @@ def freed_calibrations(
     suspected = suspects(refined.bundle, errors)
     if errors is None or not suspected.refuted:
         doubted = lens_is_suspect or is_stated_lens_doubted(camera, refined)
-        return _freed_from_stated(context, refined) if doubted else None
+        return _with_doubted_lens_freed(context, refined) if doubted else None
     with context.timer("refine"):
         trial = refine_map(refined, suspected.free(context.setup), context.job.progress)
     refuted, reason = freed_by(trial.bundle, suspected, errors)
@@ -227,7 +227,7 @@ def freed_calibrations(
     return Freed(camera, gps, refuted, reason)
 
 
-def _freed_from_stated(context: Context, refined: Map) -> Freed | None:
+def _with_doubted_lens_freed(context: Context, refined: Map) -> Freed | None:
     """Return the lens with a wider prior, if its evidence is much stronger than that of what is told."""
     camera = context.job.camera
     with context.timer("refine"):

@@ -76,7 +76,7 @@ def test_a_slight_distortion_that_looks_like_relief_is_estimated(k1: float, seed
     chance. With the held lens the map is 1 to 3 % off, and its NEES 400 to 1400."""
     flight = undeclared(k1, seed)
     estimate = optimize(flight)
-    assert "cam0: the told lens, held as exact, contradicts the pictures" in estimate.status
+    assert "cam0: the stated lens, held as exact, contradicts the pictures" in estimate.status
     found = evaluate(estimate, flight)
     assert found.ate_m.rmse < 0.015
     assert found.nees.pose.mean < 2 * 6
@@ -167,7 +167,7 @@ def test_a_fisheye_that_is_declared_is_no_error(view_deg: float) -> None:
 @pytest.mark.slow
 def test_no_false_alarm_over_twenty_flights() -> None:
     assert [normal(seed)[1].instruments.systematic for seed in range(20)] == [None] * 20
-    assert not any("told lens" in normal(seed)[1].status for seed in range(20))
+    assert not any("stated lens" in normal(seed)[1].status for seed in range(20))
 
 
 @pytest.mark.slow

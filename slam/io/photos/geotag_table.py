@@ -111,11 +111,13 @@ def _placed(
             used.add(key)
             photo = _at(photo, *geotags[key])
         placed.append(photo)
-    parts: list[str] = [Note(f"positions of {len(used)} of {len(photos)} photographs are those of {name}")]
+    remarks: list[str] = [Note(f"positions of {len(used)} of {len(photos)} photographs are those of {name}")]
     if other := sorted(set(geotags) - used):
         names = listed([brief(each, 40) for each in other])
-        parts.append(f"{name} has positions of {counted(len(other), 'file')} that are none of them ({names})")
-    return placed, parts
+        remarks.append(
+            f"{name} has positions of {counted(len(other), 'file')} that are none of them ({names})"
+        )
+    return placed, remarks
 
 
 def _at(photo: Photo, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Photo:

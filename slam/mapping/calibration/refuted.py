@@ -134,7 +134,7 @@ def is_held_lens_suspect(bundle: Bundle, tested: ErrorTest) -> bool:
 def is_stated_lens_doubted(camera: Camera, map_: Map) -> bool:
     """Return whether a map contradicts what is told of its lens, or positions that its lens may have bent.
 
-    The evidence of a wider prior, extrapolated from the told one, is then the larger. The distance from what
+    The evidence of a wider prior, extrapolated from that one, is then the larger. The distance from what
     is told does not show it: what is told as certain pulls the estimate towards itself.
     """
     if map_.stated_accuracy:
@@ -181,7 +181,7 @@ def _evidence(camera: Camera, map_: Map) -> Array:
 
 @dataclass(frozen=True)
 class OddFocal:
-    """A focal length that a map has estimated farther from the told one than calibrations are wrong by.
+    """A focal length that a map has estimated farther from the stated one than calibrations are wrong by.
 
     Pixels that are not square, relief and false matches look like another focal length. But one that was only
     assumed may be any, so that the pictures are believed where the estimate is one that lenses have.
@@ -220,17 +220,17 @@ class OddFocal:
 
     @property
     def is_believed(self) -> bool:
-        """Whether a map is to have the estimate, not the told focal length."""
+        """Whether a map is to have the estimate, not the stated focal length."""
         return self.is_assumed and self.is_plausible
 
     def warning(self, used: bool) -> str:
         """Return the warning; ``used`` says whether the map has the estimate."""
-        text = "assumed" if self.is_assumed else "told"
+        origin = "assumed" if self.is_assumed else "stated"
         refuting = "pictures and positions" if self.by_positions else "the pictures"
         known = "" if self.is_assumed else ", which no calibration is wrong by"
-        choice = "has that one" if used else f"keeps the {text} one"
+        choice = "has that one" if used else f"keeps the {origin} one"
         return (
-            f"cam0: the {text} focal length, {self.stated_px:.0f} px, contradicts {refuting}, but they "
+            f"cam0: the {origin} focal length, {self.stated_px:.0f} px, contradicts {refuting}, but they "
             f"show {self.found_px:.0f} px{known}: the map {choice}; its heights and slopes are doubted; give "
             "the pictures as the camera took them, neither stretched nor cropped, with their tags, or add "
             "control points, or fly at a second height"

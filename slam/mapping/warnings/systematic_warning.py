@@ -74,7 +74,7 @@ def stated_lens_warning(stated: Camera, map_: Map, camera_file: str) -> str:
     declared, estimate = _farthest_number(stated, map_)
     if not is_uncertain(pinhole_model(stated)):
         return (
-            "cam0: the told lens, held as exact, contradicts the pictures; this map has an estimated one "
+            "cam0: the stated lens, held as exact, contradicts the pictures; this map has an estimated one "
             f"instead, with {estimate}; calibrate the camera and correct its numbers in {camera_file}"
         )
     return (
@@ -85,7 +85,7 @@ def stated_lens_warning(stated: Camera, map_: Map, camera_file: str) -> str:
 
 
 def _farthest_number(stated: Camera, map_: Map) -> tuple[str, str]:
-    """Return the told number of the lens that is farthest from the map's, and the map's."""
+    """Return the stated number of the lens that is farthest from the map's, and the map's."""
     # A number that was held was told as certain by nobody.
     model, lens = pinhole_model(as_nominal(stated)), None if map_.bundle is None else map_.bundle.lens
     numbers, std = prior_calibration(model), np.sqrt(np.diag(prior_covariance(model)))

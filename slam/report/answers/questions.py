@@ -85,8 +85,8 @@ def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     found = by_kind(summary.warnings)
     named = reasons_of(summary.status, summary.warnings)
     others = sum(line not in named for line in found.warnings)
-    more = _told(others, "warning stands", "warnings stand", "under Warnings, with what to do")
-    notes = _told(len(found.notes), "note needs", "notes need", "no action")
+    more = _count_of(others, "warning stands", "warnings stand", "under Warnings, with what to do")
+    notes = _count_of(len(found.notes), "note needs", "notes need", "no action")
     words = "".join(f" {text}." for text in (more, notes) if text)
     if summary.status == "ok":
         alone = unless_checked(
@@ -122,7 +122,7 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     return good if facts.relative_to else f"{good}; as coordinates on Earth only as the GPS has it"
 
 
-def _told(count: int, one: str, many: str, rest: str) -> str:
+def _count_of(count: int, one: str, many: str, rest: str) -> str:
     return f"{counted(count, one, many)} {rest}" if count else ""
 
 

@@ -34,10 +34,10 @@ def size_over_time(result: Criticism) -> Segment | None:
     changes."""
     from matplotlib.figure import Figure
 
-    lines = [series for series in map(_possible, result.changes) if len(series.sizes) > 1]
-    if not lines:
+    changing = [series for series in map(_possible, result.changes) if len(series.sizes) > 1]
+    if not changing:
         return None
-    shown = sorted(lines, key=_certainty, reverse=True)[:MOST_PANELS]
+    shown = sorted(changing, key=_certainty, reverse=True)[:MOST_PANELS]
     drawn = Figure(figsize=(7.2, 0.9 + 1.1 * len(shown)), dpi=160, layout="constrained")
     panels = np.ravel(drawn.subplots(len(shown), 1, sharex=True))
     for axes, series in zip(panels, shown, strict=True):

@@ -81,11 +81,11 @@ def detectable_rows(result: Criticism, flights: Sequence[Flight] = ()) -> list[D
 def _smallest(parameter: Parameter, size: float, factor: float, unit: str) -> str:
     """Return the smallest visible size; a limit shows only below it, and a change of what is there already
     beyond one of two sizes, of which an invalid one is left out."""
-    size_text = sized_one(size, factor, unit)
+    shown = sized_one(size, factor, unit)
     if parameter.is_limit:
-        return f"a limit below {size_text}"
+        return f"a limit below {shown}"
     if parameter.neutral == 0.0:
-        return size_text
+        return shown
     low, high = parameter.neutral - size, parameter.neutral + size
     below = f"below {sized_one(low, factor, unit)}" if low > parameter.least else ""
     above = f"above {sized_one(high, factor, unit)}" if high < parameter.most else ""

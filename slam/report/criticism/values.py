@@ -163,17 +163,17 @@ def _rows_of(cause: Cause, result: Criticism) -> list[ValueRow]:
         parameter = CATALOGUE[cause.name].parameter(name)
         factor, unit = one_unit(found)
         words, change = quantity(cause.name, name), change_of_size(result, cause.name, name)
-        lines = [(words, found, compared(parameter, found))]
+        shown = [(words, found, compared(parameter, found))]
         if change is not None:
             each = ((f"before {change.moment}", change.before), (f"after {change.moment}", change.after))
-            lines = [
+            shown = [
                 *((f"{words}: {when}", size, compared(parameter, size)) for when, size in each),
                 (f"{words}: {_ONE_SIZE}", found, "a mean of both"),
             ]
         elif changes_in_time(cause.name, name, result):
-            mean = "may be none" if lines[0][2] == NO_DIFFERENCE else f"is {lines[0][2]}"
-            lines = [(words, found, f"changes; extended.toml has its mean, which {mean}")]
-        for of, size, verdict in lines:
+            mean = "may be none" if shown[0][2] == NO_DIFFERENCE else f"is {shown[0][2]}"
+            shown = [(words, found, f"changes; extended.toml has its mean, which {mean}")]
+        for of, size, verdict in shown:
             rows.append(
                 ValueRow(
                     "" if rows else title_of(cause.name),

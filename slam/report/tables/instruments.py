@@ -50,42 +50,44 @@ class _Stream(NamedTuple):
 
 
 def _of_range(sonar: Sonar) -> str:
-    shared = [f"gain {percent(sonar.scale_std)}{_told(sonar, 'scale_std')}"] if sonar.scale_std else []
+    shared = [f"gain {percent(sonar.scale_std)}{_origin(sonar, 'scale_std')}"] if sonar.scale_std else []
     shared += (
-        [f"zero {error_length(sonar.datum_std_m)}{_told(sonar, 'datum_std')}"] if sonar.datum_std_m else []
+        [f"zero {error_length(sonar.datum_std_m)}{_origin(sonar, 'datum_std')}"] if sonar.datum_std_m else []
     )
     common = f"; for all together {', '.join(shared)}" if shared else ""
-    return f"{error_length(sonar.noise_std_m)}{_told(sonar)}{common}"
+    return f"{error_length(sonar.noise_std_m)}{_origin(sonar)}{common}"
 
 
-def _told(series: Instrument, key: str = "noise_std") -> str:
+def _origin(series: Instrument, key: str = "noise_std") -> str:
     """Return whether an accuracy is stated or assumed, in brackets."""
     return " (assumed)" if key in series.assumed else " (stated)"
 
 
 def _of_position(gps: Gps) -> str:
     east, north, up = gps.noise_std_m
-    return f"{error_length(float(np.hypot(east, north) / np.sqrt(2)))}, height {error_length(up)}{_told(gps)}"
+    return (
+        f"{error_length(float(np.hypot(east, north) / np.sqrt(2)))}, height {error_length(up)}{_origin(gps)}"
+    )
 
 
 def _of_attitude(attitude: AttitudeSeries) -> str:
     roll, pitch, yaw = map(degrees, attitude.noise_std_rad)
-    return f"{max(roll, pitch):.2g}°, heading {yaw:.2g}°{_told(attitude)}"
+    return f"{max(roll, pitch):.2g}°, heading {yaw:.2g}°{_origin(attitude)}"
 
 
 def _of_velocity(velocity: Velocity) -> str:
-    stated = _told(velocity, "scale_std")
+    stated = _origin(velocity, "scale_std")
     gain = f"; for all together gain {percent(velocity.scale_std)}{stated}" if velocity.scale_std else ""
-    return f"{max(velocity.noise_std_m_s):.2g}{SPACE}m/s{_told(velocity)}{gain}"
+    return f"{max(velocity.noise_std_m_s):.2g}{SPACE}m/s{_origin(velocity)}{gain}"
 
 
 def _of_imu(imu: Imu) -> str:
     gyro, accelerometer = f"{degrees(imu.gyro_noise_density):.2g}°/s", f"{imu.accel_noise_density:.2g}"
-    return f"gyro {gyro}, accelerometer {accelerometer}{SPACE}m/s² at 1{SPACE}Hz{_told(imu)}"
+    return f"gyro {gyro}, accelerometer {accelerometer}{SPACE}m/s² at 1{SPACE}Hz{_origin(imu)}"
 
 
 def _of_barometer(barometer: Scalar) -> str:
-    return f"{error_length(barometer.noise_std)}{_told(barometer)}" if barometer.noise_std else ""
+    return f"{error_length(barometer.noise_std)}{_origin(barometer)}" if barometer.noise_std else ""
 
 
 _STREAMS: Mapping[str, _Stream] = {

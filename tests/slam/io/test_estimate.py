@@ -120,6 +120,17 @@ def test_an_estimate_of_an_earlier_version_has_no_ground_points(tmp_path):
     assert read_estimate(tmp_path).floor_points is None
 
 
+def test_an_estimate_of_an_earlier_version_names_a_field_of_the_camera_otherwise(tmp_path):
+    made = full_estimate()
+    write_estimate(made, tmp_path)
+    with np.load(tmp_path / "estimate.npz") as arrays:
+        earlier = {name: arrays[name] for name in arrays.files}
+    renamed = json.loads(str(earlier["record"]))
+    renamed["camera"]["told"] = renamed["camera"].pop("stated")
+    np.savez(tmp_path / "estimate.npz", **{**earlier, "record": np.array(json.dumps(renamed))})
+    assert same(read_estimate(tmp_path).camera, made.camera)
+
+
 def test_documented_arrays_are_read_without_pickle(tmp_path):
     made = full_estimate()
     write_estimate(made, tmp_path)

@@ -71,7 +71,7 @@ def numbers(layout: Layout, column: Column, mark: str) -> tuple[Array, tuple[str
         except ValueError:
             if cell.lower() not in _MISSING:
                 faults.append((cell, layout.lines[row]))
-    return values * column.factor, _told(column, faults, len(values))
+    return values * column.factor, _fault_note(column, faults, len(values))
 
 
 def text_of(layout: Layout, column: Column) -> list[str]:
@@ -79,7 +79,7 @@ def text_of(layout: Layout, column: Column) -> list[str]:
     return [cell.replace("\\", "/") for cell in cells_of(layout, column)]
 
 
-def _told(column: Column, faults: Sequence[tuple[str, int]], count: int) -> tuple[str, ...]:
+def _fault_note(column: Column, faults: Sequence[tuple[str, int]], count: int) -> tuple[str, ...]:
     if not faults:
         return ()
     cell, line = faults[0]

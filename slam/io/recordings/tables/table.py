@@ -181,12 +181,12 @@ def read_table(path: Path) -> Table:
     text, notes = _text_of(path)
     layout = layout_of(path, text)
     found, unread = columns_of(path, layout.titles, layout.units, layout.line)
-    parts = [each for name, each in found.items() if name not in (*TIMES, "week", "picture")]
+    columns = [each for name, each in found.items() if name not in (*TIMES, "week", "picture")]
     mark = decimal_mark(path, layout, found.values())
     times_s, lines = row_times(path, layout, found, mark)
     known = np.isfinite(times_s)
     fields: Fields = {"time": times_s[known]}
-    for column in parts:
+    for column in columns:
         values, faults = numbers(layout, column, mark)
         fields = {**fields, column.quantity: values[known]}
         lines += faults

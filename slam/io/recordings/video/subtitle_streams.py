@@ -25,7 +25,7 @@ from slam.io.sensor_yaml import Value
 Array = NDArray[np.float64]
 
 _FOCAL_STD_RATIO, _RADIAL_STD = 0.1, 0.1
-"""Standard deviations of a told focal length (relative) and k1. Makers relate the focal length on 35 mm film
+"""Standard deviations of its focal length (relative) and k1. Makers relate the focal length on 35 mm film
 to the width or to the diagonal of the sensor, and video modes crop the picture.
 """
 _BAROMETER_STD_M = 1.0
