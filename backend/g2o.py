@@ -152,7 +152,7 @@ def _rows(
         if fields[0] in _TORO:
             fields = _of_toro(fields)
         tag = _TAGS.get(fields[0])
-        if tag is not None and line.count("_") > words:
+        if (tag is not None or fields[0] == "FIX") and line.count("_") > words:
             # Python's numbers may hold one, those of the format may not.
             raise BackendError(f"{name}:{number}: a number of {fields[0]} holds '_'; correct the line")
         if tag is None and fields[0] != "FIX":

@@ -150,11 +150,14 @@ def _contradictions(problem: Problem, fit: GraphFit) -> list[str]:
     if test.passed:
         return []
     who, ratio = format_keys(range(problem.count), problem.name), math.sqrt(test.statistic / test.dof)
-    times = f"{ratio:.2g}" if ratio < 100 else f"{ratio:.0f}"
     return [
         f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g} for"
-        f" {test.dof} degrees of freedom): take deviations {times} times as large as stated"
+        f" {test.dof} degrees of freedom): take deviations {_times(ratio)} as large as stated"
     ]
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.2g} times" if ratio < 100 else f"{ratio:.0f} times"
 
 
 def _cut_off(problem: Problem) -> str:
@@ -173,12 +176,18 @@ def _warnings(problem: Problem, fit: GraphFit) -> list[str]:
     # A pose graph's ranges may be heights from other instruments, or from the pictures.
     for kind, words in (("position", "positions"), ("range", "heights over the floor")):
         of_kind = [a for a in problem.unary_factors if a.kind == kind]
-        far = [a.k for a in of_kind if 2 * a.gaussian.error(minimum.values) > _gate(len(of_kind), a.rows)]
+        squared = [2 * a.gaussian.error(minimum.values) for a in of_kind]
+        gates = [_gate(len(of_kind), a.rows) for a in of_kind]
+        far = [(d2, gate, a.k) for d2, gate, a in zip(squared, gates, of_kind, strict=True) if d2 > gate]
         if far:
+            keys = format_keys([k for *_, k in far[:_MAX_LISTED]], problem.name)
             more = f" and {len(far) - _MAX_LISTED} more" if len(far) > _MAX_LISTED else ""
+            d2, gate, k = max(far)
             messages.append(
                 f"{len(far)} of {len(of_kind)} {words} lie farther off than noise explains: down-weighted "
-                f"({format_keys(far[:_MAX_LISTED], problem.name)}{more})"
+                f"({keys}{more}); the farthest, that of {problem.name(k)}, is off by "
+                f"{_times(math.sqrt(d2))} its stated deviation, and noise explains up to "
+                f"{_times(math.sqrt(gate))}; check them, leave them out, or state larger deviations"
             )
     return messages
 

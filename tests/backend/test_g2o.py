@@ -154,6 +154,7 @@ def test_non_unit_quaternion_becomes_a_rotation(tmp_path: Path):
         (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 x"), ":3: vertex 'x'"),
         (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 0_0"), ":3: a number of EDGE_SE2 holds '_'"),
         (PLANAR.replace("1 0 0 10", "1_0 0 0 10"), ":3: a number of EDGE_SE2 holds '_'"),
+        (PLANAR + "FIX 0_1\n", ":4: a number of FIX holds '_'"),
         ("VERTEX3 0 0 0 0 0 0 0\n", "spatial lines of TORO"),
         (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 -1"), ":3: vertex '-1'"),
         (PLANAR.replace("10 0 10\n", "-10 0 10\n"), ":3: the information matrix is not positive"),
