@@ -89,7 +89,7 @@ def solve_pose_graph(
 
     Edges without information are rejected. The status names components whose accepted edges form a tree, or
     contradict each other, loops whose vertex numbers seem shifted or that share an offset, rejected edges of
-    almost as much evidence as those against them, and a selection that ``time_limit_s`` cut short. ``seed``
+    almost as much evidence as those against them, and a search that ``time_limit_s`` cut short. ``seed``
     draws the loops from which the selection starts where there are very many. A warning names rejected edges
     that one typical mistake of their rows explains. Raises ``BackendError`` for invalid values, and
     ``TypeError`` for another object.
@@ -100,10 +100,12 @@ def solve_pose_graph(
     problem = from_pose_graph(graph)
     solution = _solve(problem, options, rank_deficient_warning(graph))
     mistakes, parts = row_mistakes(graph, problem, solution), linearised_parts(problem, solution)
+    rivals = rival_groups(problem, solution, deadline)
+    unsearched = _without_second_map(problem, solution) if options.out_of_time() else []
     said = [
         *([] if solution.status == "ok" else [solution.status]),
         *unchecked_components(problem, solution),
-        *(rival_groups(problem, solution) or displaced_loops(problem, solution)),
+        *(rivals or [*unsearched, *displaced_loops(problem, solution)]),
         *(shifted_loops(parts) or shared_offsets(parts)),
     ]
     return replace(
@@ -117,6 +119,14 @@ def solve_pose_graph(
         ),
         row_mistakes=mistakes,
     )
+
+
+def _without_second_map(problem: Problem, solution: Solution) -> list[str]:
+    """Return a sentence if there are rejected loops that might make a second map."""
+    rejected = solution.edge_informative & ~solution.edge_kept & ~problem.trusted
+    if np.count_nonzero(rejected) < 2:
+        return []
+    return ["the search for a second map of the rejected loops was cut off: allow more time"]
 
 
 def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:

@@ -16,6 +16,7 @@ odometry, without what contradicts it (`rival_maps.py`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -47,17 +48,20 @@ _UNITS = 1000.0
 _EVERYTHING = 2**30
 
 
-def rival_groups(problem: Problem, solution: Solution) -> list[str]:
-    """Return a sentence for each component whose kept loops have a rival group of low odds."""
+def rival_groups(problem: Problem, solution: Solution, deadline: float = math.inf) -> list[str]:
+    """Return a sentence for each component whose kept loops have a rival group of low odds.
+
+    No second map is solved after the ``deadline`` on the clock of ``time.monotonic``.
+    """
     sentences = []
     for part, w_T, edges in solved_parts(problem, solution, solution.edge_informative):
-        found = doubtful_rivals(part, solution.edge_kept[edges], w_T)
+        found = doubtful_rivals(part, solution.edge_kept[edges], w_T, deadline)
         if found is not None:
             sentences.append(_sentence(part, found))
     return sentences
 
 
-def doubtful_rivals(problem: Problem, kept: Mask, w_T: Array) -> Rivals | None:
+def doubtful_rivals(problem: Problem, kept: Mask, w_T: Array, deadline: float = math.inf) -> Rivals | None:
     """Return the rejected group of the lowest odds against it; None if all odds are high enough."""
     rejected = np.flatnonzero(~kept)
     samples = posterior_samples(problem, kept, w_T) if len(rejected) and kept.any() else None
@@ -66,7 +70,7 @@ def doubtful_rivals(problem: Problem, kept: Mask, w_T: Array) -> Rivals | None:
     worth = Improbability(problem, kept, w_T)
     groups = _groups(problem, rejected, w_T, samples, worth)
     found = [_contradicted(problem, group, w_T, worth) for group in groups]
-    found += rival_maps(worth, found)
+    found += rival_maps(worth, found, deadline)
     worst = min(found, key=lambda each: each.log_odds, default=None)
     return worst if worst is not None and worst.log_odds < LEAST_LOG_ODDS else None
 

@@ -7,6 +7,7 @@ either has then tells little, because those of one common cause are false togeth
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -31,10 +32,11 @@ _MOST_MAPS = 3
 """Groups that are solved with the odometry, those of most loops first: each takes three solves."""
 
 
-def rival_maps(worth: Improbability, groups: Sequence[Rivals]) -> list[Rivals]:
+def rival_maps(worth: Improbability, groups: Sequence[Rivals], deadline: float = math.inf) -> list[Rivals]:
     """Return the rejected and the kept loops of the maps that groups of at least two rejected loops make.
 
-    The groups are those of `rival_groups`. Only those are solved whose loops alone are no clear minority.
+    The groups are those of `rival_groups`. Only those are solved whose loops alone are no clear minority, and
+    none after the ``deadline`` on the clock of ``time.monotonic``.
     """
     loops = ~worth.problem.trusted
     sides = [(each.rejected[loops[each.rejected]], each.against[loops[each.against]]) for each in groups]
@@ -43,14 +45,19 @@ def rival_maps(worth: Improbability, groups: Sequence[Rivals]) -> list[Rivals]:
         for group, against in sides
         if len(group) > 1 and worth.log_odds_of_loops(against, group) < LEAST_LOG_ODDS
     ]
-    found = (_rivals(worth, group) for group in sorted(likely, key=len, reverse=True)[:_MOST_MAPS])
-    return [each for each in found if each is not None]
+    gauge_fixed = gauge_fixed_part(worth.problem, worth.w_T, deadline)
+    found: list[Rivals] = []
+    for group in sorted(likely, key=len, reverse=True)[:_MOST_MAPS]:
+        if gauge_fixed.options.out_of_time():
+            break
+        rivals = _rivals(gauge_fixed, worth, group)
+        found += [] if rivals is None else [rivals]
+    return found
 
 
-def _rivals(worth: Improbability, group: Index) -> Rivals | None:
+def _rivals(gauge_fixed: GaugeFixedProblem, worth: Improbability, group: Index) -> Rivals | None:
     """Return what the map of odometry and a group of loops contradicts; None if there is no such map."""
     problem, loops = worth.problem, ~worth.problem.trusted
-    gauge_fixed = gauge_fixed_part(problem, worth.w_T)
     try:
         found = _second_map(gauge_fixed, worth, group)
     except BackendError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -25,12 +26,15 @@ def solved_parts(problem: Problem, solution: Solution, edges: Mask) -> Iterator[
         yield problem.with_edges(inside).restricted(members), solution.w_T_b[members], inside
 
 
-def gauge_fixed_part(part: Problem, w_T: Array) -> GaugeFixedProblem:
-    """Fix the gauge of a part: its first pose is held where no unary factor places it."""
+def gauge_fixed_part(part: Problem, w_T: Array, deadline: float = math.inf) -> GaugeFixedProblem:
+    """Fix the gauge of a part: its first pose is held where no unary factor places it.
+
+    ``deadline`` on the clock of ``time.monotonic`` ends its fits.
+    """
     priors = part.unary_factor_graph()
     if not part.unary_factors:
         priors.push_back(fixed(0, w_T[0], part.dimension).factor)
-    return GaugeFixedProblem(part, priors, Options())
+    return GaugeFixedProblem(part, priors, Options(deadline=deadline))
 
 
 def posterior_samples(part: Problem, kept: Mask, w_T: Array) -> Array | None:
