@@ -207,9 +207,10 @@ def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
             ruled_out.append(no_other(cause))
         elif not others:
             none.append(cause.name)
-    if result.causes and not lines:
+    alike = [f"{c.name}: {text}" for c in result.causes if (text := CATALOGUE[c.name].looks_alike)]
+    if result.causes and not lines and not alike:
         lines = ["No other effect that these flights can show explains them as well."]
-    lines += ruled_out
+    lines += [*alike, *ruled_out]
     if none:
         lines.append(f"In place of {enumerated(none)} no other effect of the catalogue explains a fair part.")
     if rest := outside_of_catalogue(result):

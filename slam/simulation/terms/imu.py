@@ -105,6 +105,8 @@ IMU = (
         ),
         equation="the unit is rotated against the body by this rotation vector",
         confounders=("accel_bias", "trim_offset"),
+        looks_alike="An attitude that leans by as much against the body looks the same: put it level "
+        "on the floor, and see whether its roll and pitch are 0 there.",
         excitation="fast tilts and yaw: one axis shows in another",
         tolerance=0.001,
         in_differences=True,
@@ -142,6 +144,8 @@ IMU = (
         ),
         equation="added to the body rate",
         confounders=("gyro_scale",),
+        looks_alike="An attitude that drifts by as much looks the same in flight: at rest, the gyro "
+        "tells which of the two is wrong.",
         excitation="30 s at rest on the floor with motors off, before and after the flight",
         tolerance=0.0001,
         in_differences=True,

@@ -91,6 +91,9 @@ class Term:
     """Plain name of the instrument that has the error; empty for an effect of the vehicle or the place."""
     confounders: tuple[str, ...] = ()
     """Names of terms with a similar effect on a flight."""
+    looks_alike: str = ""
+    """Sentence about an error of another instrument that looks the same, and what tells them apart: an error
+    that no term of the catalogue has."""
     excitation: str = ""
     """Manoeuvre that distinguishes the term from its confounders, and remarks, behind a semicolon."""
     stream: Stream = ""

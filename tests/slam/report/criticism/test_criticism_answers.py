@@ -300,3 +300,16 @@ def test_every_certain_cause_has_its_own_evidence() -> None:
             for line in shown_in_short(evidence)
         )
     assert evidence_of_causes(made(), [flight]) is None  # the whole page is about one cause
+
+
+def test_a_gyro_bias_and_an_attitude_that_drifts_look_the_same() -> None:
+    cause = replace(
+        made().causes[0], name="gyro_bias", parameters={"z": Interval(0.005, "rad/s", 0.004, 0.006)}
+    )
+    answers = {row.label: " ".join((row.value, *row.lines)) for row in criticism_answers(made())}
+    assert "No other effect" in answers["What else could it be, and why not?"]
+    shown = replace(made(), causes=(cause,), confusable=())
+    answers = {row.label: " ".join((row.value, *row.lines)) for row in criticism_answers(shown)}
+    other = answers["What else could it be, and why not?"]
+    assert "An attitude that drifts by as much looks the same in flight" in other
+    assert "No other effect" not in other
