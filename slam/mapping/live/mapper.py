@@ -220,7 +220,9 @@ class LiveMapper:
         atexit.unregister(self._abandon)
 
     def _abandon(self) -> None:
-        """End the threads of a program that ends without `close`; pictures that wait are left out."""
+        """End the threads of a program that ends without `close`; what waits to be tracked or mapped is left
+        out."""
+        self._mapping.drop()
         with self._arrival:
             self._waiting.clear()
         self.close()

@@ -17,12 +17,17 @@ class Worker:
         """``on_error`` gets, in that thread, what a job raises; the next job runs."""
         self._jobs: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         self._on_error = on_error
+        self._drops = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
     def submit(self, job: Callable[[], None]) -> None:
         """Run a job after those that came before it."""
         self._jobs.put(job)
+
+    def drop(self) -> None:
+        """Leave out the jobs that have not begun, and those that come."""
+        self._drops = True
 
     def close(self) -> None:
         """Wait until all jobs have run, and end the thread."""
@@ -31,6 +36,8 @@ class Worker:
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:
+            if self._drops:
+                continue
             try:
                 job()
             except BaseException as error:  # noqa: BLE001 - the caller raises it in its own thread

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from slam import LiveMapper
 from slam.core.errors import InputError
 from slam.core.flight import Flight, Imu
 from slam.evaluation.association import poses_at
+from slam.mapping.live.loops import LiveLoops
 from slam.mapping.live.mapper import LATE, MOST_WAIT_S
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown, only
@@ -234,6 +236,25 @@ def test_an_error_of_a_thread_reaches_the_caller(flight, monkeypatch, part):
         mapper.add(flight.frames.load(0), 0.0, wait=True)
         with pytest.raises(OSError, match="No space left"):
             mapper.finish()
+
+
+def test_a_program_that_ends_without_close_waits_for_one_keyframe_at_most(flight, monkeypatch):
+    at_exit, gate, search = [], threading.Event(), LiveLoops.of_newest
+
+    def held(*arguments):
+        gate.wait()
+        return search(*arguments)
+
+    monkeypatch.setattr(LiveLoops, "of_newest", held)
+    monkeypatch.setattr("slam.mapping.live.mapper.atexit.register", at_exit.append)
+    with LiveMapper(flight) as mapper:
+        for k, stamp_s in enumerate(flight.frames.stamps_s[:20].tolist()):
+            mapper.add(flight.frames.load(k), stamp_s, wait=True)
+        while mapper.state().waiting < 3:
+            time.sleep(0.01)
+        threading.Timer(0.1, gate.set).start()
+        at_exit[0]()
+        assert len(mapper.keyframes()[0]) <= 1
 
 
 @pytest.mark.slow
