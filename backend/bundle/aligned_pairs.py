@@ -16,7 +16,7 @@ from backend.bundle.homography_factor import (
     transfer,
 )
 from backend.bundle.lens import FOCAL
-from backend.bundle.sensor_factors import SensorFactors
+from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.measurements import AlignedPair, PinholeModel
 from backend.robust import robust_unit
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def add_aligned(
-    graph: SensorFactors,
+    graph: PoseSideFactors,
     pairs: tuple[AlignedPair, ...],
     camera: PinholeModel,
     at: gtsam.Values,

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from backend.bundle.factors import FLOOR_Z, LOG_SCALE, SLOPE, WORLD_SIZE, rotation_jacobian, rotation_of
 from backend.bundle.floor_points import intersect_floor
+from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.bundle.projections import linearise
-from backend.bundle.sensor_factors import SensorFactors
 from backend.measurements import ControlPoint, FloorTracks, Measurements, PinholeModel
 from backend.robust import robust
 from backend.se3 import cross_matrix
@@ -57,7 +57,7 @@ def on_floor(point: ControlPoint, camera: PinholeModel, f_T_c: Array) -> Array:
 
 
 def add_control(
-    graph: SensorFactors,
+    graph: PoseSideFactors,
     points: Sequence[ControlPoint],
     world_key: int,
     lens: Array | None,

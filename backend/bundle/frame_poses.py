@@ -22,7 +22,7 @@ from backend.bundle.homography_factor import (
     transfer,
 )
 from backend.bundle.lens import FOCAL
-from backend.bundle.sensor_factors import SensorFactors
+from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.measurements import PinholeModel, TrackedFrame
 from backend.robust import robust_unit
 
@@ -74,7 +74,7 @@ class FramePoses:
 
     def add(
         self,
-        graph: SensorFactors,
+        graph: PoseSideFactors,
         at: gtsam.Values,
         noise_factor: float,
     ) -> None:

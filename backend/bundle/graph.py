@@ -39,8 +39,8 @@ from backend.bundle.inertial.graph import (
 )
 from backend.bundle.lens import prior_calibration, prior_covariance, start_numbers
 from backend.bundle.noise_level import over_typical, positions_over_typical
+from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.bundle.reported.graph import ReportedPart, add_reported
-from backend.bundle.sensor_factors import SensorFactors
 from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, FloorTracks, Measurements, PinholeModel, ReportedNoise
 from backend.robust import huber_limit, robust
@@ -172,9 +172,9 @@ def start_variables(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> V
     return Variables(values, intersect_floor(tracks, camera, w_T_c))
 
 
-def pose_side_factors(problem: BundleProblem, noise: NoiseLevels, start: gtsam.Values) -> SensorFactors:
+def pose_side_factors(problem: BundleProblem, noise: NoiseLevels, start: gtsam.Values) -> PoseSideFactors:
     """Build the factors of everything but the floor points: sensors, calibration and gauge."""
-    graph = SensorFactors()
+    graph = PoseSideFactors()
     _add_sensors(graph, problem, noise)
     lens = None if problem.self_calibrates else start_numbers(problem.camera)
     weights = ControlWeights(noise.control, noise.marks, problem.config.huber_sigmas)
@@ -202,13 +202,13 @@ def start_calibration(at: Variables, camera: PinholeModel) -> Variables:
     return Variables(values, at.point)
 
 
-def _add_calibration(graph: SensorFactors, camera: PinholeModel) -> None:
+def _add_calibration(graph: PoseSideFactors, camera: PinholeModel) -> None:
     """Add the prior on the calibration."""
     model = gtsam.noiseModel.Gaussian.Covariance(prior_covariance(camera))
     graph.add("lens prior", gtsam.PriorFactorVector(CALIBRATION(0), prior_calibration(camera), model))
 
 
-def _add_sensors(graph: SensorFactors, problem: BundleProblem, noise: NoiseLevels) -> None:
+def _add_sensors(graph: PoseSideFactors, problem: BundleProblem, noise: NoiseLevels) -> None:
     """Add factors of attitudes, ranges and positions."""
     measurements, c_T_b = problem.measurements, problem.c_T_b
     if measurements.attitudes:
@@ -239,7 +239,9 @@ def _add_sensors(graph: SensorFactors, problem: BundleProblem, noise: NoiseLevel
             graph.add("barometer height", factor)
 
 
-def _add_gauge(graph: SensorFactors, problem: BundleProblem, start: gtsam.Values, noise: NoiseLevels) -> None:
+def _add_gauge(
+    graph: PoseSideFactors, problem: BundleProblem, start: gtsam.Values, noise: NoiseLevels
+) -> None:
     """Add priors that fix unobserved quantities at their initial values.
 
     The first keyframe's height in the poses' unit is always fixed (the scale is another variable). Without

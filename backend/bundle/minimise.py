@@ -14,8 +14,8 @@ from scipy.sparse import csc_array
 
 from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, pose_side_factors
 from backend.bundle.observations import Cameras, FloorObservations
+from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.bundle.reduced_system import LinearSystem, Structure
-from backend.bundle.sensor_factors import SensorFactors
 from backend.errors import BackendError
 from backend.gauge import key_name
 from backend.pose_graph.descent import (
@@ -42,7 +42,7 @@ class BundleCost:
     """Cost of a round: the factors of the pose side, and the observations of floor points."""
 
     problem: BundleProblem
-    pose_side: SensorFactors
+    pose_side: PoseSideFactors
     observations: FloorObservations
 
     @staticmethod

@@ -28,7 +28,7 @@ from backend.bundle.inertial.factor import (
     inertial_factor,
 )
 from backend.bundle.path_nodes import PathNodes, ends
-from backend.bundle.sensor_factors import SensorFactors
+from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.bundle.world import WorldTransform
 from backend.measurements import Inertial, Measurements, PinholeModel
 from backend.preintegration.intervals import (
@@ -231,7 +231,7 @@ def without_unused(
 
 
 def add_inertial(
-    graph: SensorFactors,
+    graph: PoseSideFactors,
     part: InertialPart,
     at: gtsam.Values,
     world: int,
@@ -251,7 +251,7 @@ def add_inertial(
         graph.add("inertial interval", factor)
 
 
-def _add_biases(graph: SensorFactors, part: InertialPart) -> None:
+def _add_biases(graph: PoseSideFactors, part: InertialPart) -> None:
     """Add the prior on the bias, once for all chains, and the walk of the bias between these.
 
     The walk goes on where readings are lost. It may jump across intervals that were cut. The robust loss lets

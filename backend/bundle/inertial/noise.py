@@ -25,8 +25,8 @@ from backend.bundle.inertial.graph import (
     add_inertial,
 )
 from backend.bundle.minimise import BundleOptimum
+from backend.bundle.pose_side_factors import Kind, PoseSideFactors
 from backend.bundle.reduced_system import LinearSystem
-from backend.bundle.sensor_factors import Kind, SensorFactors
 from backend.errors import BackendError
 from backend.preintegration.intervals import MOTION, ROTATION, STATE_SIZE
 from backend.quantiles import chi_square_limit, chi_square_quantile
@@ -68,7 +68,7 @@ class _Squares:
         )
 
     @staticmethod
-    def at(factors: SensorFactors, values: gtsam.Values) -> _Squares:
+    def at(factors: PoseSideFactors, values: gtsam.Values) -> _Squares:
         """Add up the whitened errors of some factors at ``values``, without robust weights."""
         return _Squares.of(*(_errors(factors.of_kind(kind), values) for kind in _KINDS))
 
@@ -89,7 +89,7 @@ def start_factors(problem: BundleProblem, values: gtsam.Values) -> InertialNoise
     part = problem.inertial
     if part is None:
         return NOMINAL_INERTIAL_NOISE
-    factors = SensorFactors()
+    factors = PoseSideFactors()
     add_inertial(factors, part, values, WORLD, problem.camera.b_T_c, NOMINAL_INERTIAL_NOISE)
     squares = _Squares.at(factors, values)
     gyro, accel = (

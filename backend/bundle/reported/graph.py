@@ -12,6 +12,7 @@ from gtsam.symbol_shorthand import E as ERROR
 from numpy.typing import NDArray
 
 from backend.bundle.path_nodes import PathNodes, ends
+from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.bundle.reported.factor import (
     BIAS,
     CHANNELS,
@@ -26,7 +27,6 @@ from backend.bundle.reported.factor import (
 )
 from backend.bundle.reported.integrate import ReportedInterval, integrate_reported
 from backend.bundle.reported.noise import Step, identify_reported_noise
-from backend.bundle.sensor_factors import SensorFactors
 from backend.bundle.world import WorldTransform
 from backend.measurements import Measurements, PinholeModel, ReportedMotion, ReportedNoise
 from backend.robust import robust_unit
@@ -150,7 +150,7 @@ def _constants_covariance(motion: ReportedMotion, gain_std: float) -> Array:
 
 
 def add_reported(
-    graph: SensorFactors,
+    graph: PoseSideFactors,
     part: ReportedPart,
     world: int,
     b_T_c: Array,

@@ -54,15 +54,13 @@ def with_more_variables(cost: BundleCost, at: Variables) -> tuple[BundleCost, Va
     for k in range(n):
         values.insert(VELOCITY(k), rng.normal(size=3))
         values.insert(BIAS(k), gtsam.imuBias.ConstantBias(rng.normal(size=3), rng.normal(size=3)))
-        cost.pose_side.graph.push_back(
-            gtsam.PriorFactorVector(VELOCITY(k), rng.normal(size=3), unit.Create(3))
-        )
-        cost.pose_side.graph.push_back(
-            gtsam.PriorFactorConstantBias(BIAS(k), gtsam.imuBias.ConstantBias(), unit.Create(6))
-        )
+        prior = gtsam.PriorFactorVector(VELOCITY(k), rng.normal(size=3), unit.Create(3))
+        cost.pose_side.add("inertial prior", prior)
+        still = gtsam.PriorFactorConstantBias(BIAS(k), gtsam.imuBias.ConstantBias(), unit.Create(6))
+        cost.pose_side.add("inertial prior", still)
     for k in range(n - 1):
         for keys in ((POSE(k), VELOCITY(k), BIAS(k)), (VELOCITY(k), POSE(k + 1), VELOCITY(k + 1))):
             blocks = [part for key in keys for part in (key, rng.normal(size=(2, values.dims()[key])))]
             tie = gtsam.JacobianFactor(*blocks, np.zeros(2), unit.Create(2))
-            cost.pose_side.graph.push_back(gtsam.LinearContainerFactor(tie, values))
+            cost.pose_side.add("inertial interval", gtsam.LinearContainerFactor(tie, values))
     return cost, Variables(values, at.point)

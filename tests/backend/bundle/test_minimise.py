@@ -67,8 +67,8 @@ def test_a_measurement_that_is_not_finite_is_named() -> None:
     with pytest.raises(BackendError, match=f"observation of a floor point from {where} has no finite error"):
         minimise_bundle(wrong, at, 30, 1e-5)
     model = gtsam.noiseModel.Unit.Create(3)
-    cost.pose_side.graph.push_back(
-        gtsam.PoseTranslationPrior3D(POSE(2), gtsam.Point3(np.full(3, np.nan)), model)
+    cost.pose_side.add(
+        "gauge", gtsam.PoseTranslationPrior3D(POSE(2), gtsam.Point3(np.full(3, np.nan)), model)
     )
     with pytest.raises(BackendError, match="PoseTranslationPrior3D on keyframe 2 has no finite error"):
         minimise_bundle(cost, at, 30, 1e-5)

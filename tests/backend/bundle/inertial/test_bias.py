@@ -16,7 +16,7 @@ from backend.bundle.homography_factor import ImagePlane
 from backend.bundle.inertial.factor import gain_effect
 from backend.bundle.inertial.graph import NOMINAL_INERTIAL_NOISE, InertialPart, add_inertial
 from backend.bundle.path_nodes import PathNodes
-from backend.bundle.sensor_factors import SensorFactors
+from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.bundle.world import WorldTransform
 from backend.measurements import GRAVITY_M_S2, Inertial, InertialNoise, InertialReadings
 from backend.preintegration.intervals import NO_BIAS, chains, preintegrate
@@ -56,7 +56,7 @@ def hovered(lost_s: tuple[float, ...], jump_m_s2: float = 0.0) -> tuple[Inertial
     sigmas[MOUNT] = 0.2
     graph.push_back(gtsam.PriorFactorVector(WORLD, world, gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
     start = part.start(values, WorldTransform(world, NADIR))
-    readings = SensorFactors()
+    readings = PoseSideFactors()
     add_inertial(readings, part, start, WORLD, NADIR, NOMINAL_INERTIAL_NOISE)
     graph.push_back(readings.graph)
     found = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize()

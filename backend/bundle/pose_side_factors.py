@@ -62,26 +62,31 @@ class _Rows(NamedTuple):
     """The first keyframe that the factor concerns; -1 without any."""
 
 
-class SensorFactors:
-    """A factor graph whose rows are known by their kind, instrument and keyframe."""
+class PoseSideFactors:
+    """Sensors, priors and gauge: a factor graph whose rows are known by kind, instrument and keyframe."""
 
     def __init__(self) -> None:
-        self.graph = gtsam.NonlinearFactorGraph()
+        self._graph = gtsam.NonlinearFactorGraph()
         self._rows: list[_Rows] = []
 
     def add(
         self, kind: Kind, factor: gtsam.NonlinearFactor, instruments: Sequence[str] | None = None
     ) -> None:
         """Add a factor. ``instruments`` are those of its rows, where they differ."""
-        self.graph.push_back(factor)
+        self._graph.push_back(factor)
         named = (_INSTRUMENT[kind],) * factor.dim() if instruments is None else tuple(instruments)
         symbols = map(gtsam.Symbol, factor.keys())
         keyframe = next((symbol.index() for symbol in symbols if symbol.chr() == _KEYFRAME), -1)
         self._rows.append(_Rows(kind, named, keyframe))
 
+    @property
+    def graph(self) -> gtsam.NonlinearFactorGraph:
+        """All factors, in a graph of their own: what is added to that has no kind, and does not count."""
+        return gtsam.NonlinearFactorGraph(self._graph)
+
     def of_kind(self, kind: Kind) -> Iterator[gtsam.NonlinearFactor]:
         """Yield the factors of a kind, in the order in which they were added."""
-        return (self.graph.at(number) for number, rows in enumerate(self._rows) if rows.kind == kind)
+        return (self._graph.at(number) for number, rows in enumerate(self._rows) if rows.kind == kind)
 
     def rows_of(self, kind: Kind) -> NDArray[np.bool_]:
         """Return (rows,) which rows of the Jacobian belong to factors of a kind."""
