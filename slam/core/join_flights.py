@@ -14,11 +14,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from backend import se3
 from frontend.camera import Camera
 from slam.core.arguments import flight_tuple
 from slam.core.control_points import SurveyedPoint
 from slam.core.duplicate_flights import without_duplicates
 from slam.core.errors import InputError
+from slam.core.fix_check import NOISE_SIGMAS
 from slam.core.flight import (
     STREAMS,
     AttitudeSeries,
@@ -108,17 +110,31 @@ def _check_same_camera(first: Flight, other: Flight) -> None:
 
 
 def _check_same_mounts(flights: Sequence[Flight]) -> None:
-    """Check that each instrument is in one place on the body; an assumed place is no contradiction."""
+    """Check that each instrument is in one place on the body, as far as its flights know it.
+
+    An assumed place is no contradiction. Places of an antenna may differ by their stated uncertainty.
+    """
     for name in JOINED_STREAMS:
         series = [(flight.name, getattr(flight, name)) for flight in flights]
         mounted = [(flight_name, s) for flight_name, s in series if hasattr(s, "b_T_s")]
-        stated = [(flight_name, s.b_T_s) for flight_name, s in mounted if "T_BS" not in s.assumed]
-        for flight_name, b_T_s in stated:
-            if not np.allclose(b_T_s, stated[0][1], atol=_SAME_MOUNT):
+        stated = [(flight_name, s) for flight_name, s in mounted if "T_BS" not in s.assumed]
+        for flight_name, s in stated[1:]:
+            if difference := _mount_difference(stated[0][1], s):
                 raise InputError(
                     f"{flight_name}: {STREAMS[name].folder} mounted in another way than that of "
-                    f"{stated[0][0]}; map each alone, or correct T_BS"
+                    f"{stated[0][0]} ({difference}); map each alone, or correct T_BS"
                 )
+
+
+def _mount_difference(a: Any, b: Any) -> str:
+    """Return by how much the mounts of two series differ; empty where it is less than is known of them."""
+    std_m = float(np.linalg.norm([s.antenna_std_m for s in (a, b) if isinstance(s, Gps)]))
+    apart_m = b.b_T_s[:3, 3] - a.b_T_s[:3, 3]
+    if (np.abs(apart_m) > _SAME_MOUNT + NOISE_SIGMAS * std_m).any():
+        known = f", known to {std_m:.2g} m" if std_m else ""
+        return f"{np.linalg.norm(apart_m):.3g} m apart{known}"
+    turn_deg = np.degrees(np.linalg.norm(se3.log(se3.inverse(a.b_T_s[None]) @ b.b_T_s[None])[0, :3]))
+    return f"turned by {turn_deg:.3g} deg" if turn_deg > np.degrees(_SAME_MOUNT) else ""
 
 
 def _difference(a: Camera, b: Camera) -> str | None:
