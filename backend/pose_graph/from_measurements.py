@@ -84,7 +84,7 @@ def _rigid(edges: tuple[RelativePose, ...], n: int) -> Array:
     T = np.array([e.i_T_j for e in edges], dtype=np.float64).reshape(-1, 4, 4)
     for e in edges:
         if not (0 <= e.i < n and 0 <= e.j < n) or e.i == e.j:
-            raise BackendError(f"a {e.kind} edge joins keyframes {e.i} and {e.j} of {n}; drop it")
+            raise BackendError(f"an edge ({e.kind}) joins keyframes {e.i} and {e.j} of {n}; drop it")
     finite = np.asarray(np.isfinite(T).all(axis=(1, 2)))
     R = np.where(finite[:, None, None], T[:, :3, :3], np.eye(3))
     off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0)

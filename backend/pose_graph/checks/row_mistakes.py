@@ -24,6 +24,7 @@ from backend.pose_graph.selection.null_loops import NullLoops
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import innovations, noise_scale
 from backend.pose_graph.solution import RowMistake, Solution
+from backend.wording import counted
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -184,7 +185,7 @@ def mistake_warnings(found: tuple[RowMistake, ...]) -> list[str]:
         named = ", ".join(_named(row) for row in rows[:_MOST_LISTED])
         more = f" and {len(rows) - _MOST_LISTED} more" if len(rows) > _MOST_LISTED else ""
         sentences.append(
-            f"{len(rows)} rejected edges would agree with the others but for one mistake of their rows"
+            f"{counted(len(rows), 'rejected edge')} would agree with the others but for one mistake in rows"
             f" ({mistake}): {named}{more}; check these rows of the file, as nothing was corrected"
         )
     return sentences

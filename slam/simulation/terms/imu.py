@@ -105,8 +105,8 @@ IMU = (
         ),
         equation="the unit is rotated against the body by this rotation vector",
         confounders=("accel_bias", "trim_offset"),
-        looks_alike="An attitude that leans by as much against the body looks the same: put it level "
-        "on the floor, and see whether its roll and pitch are 0 there.",
+        looks_alike="An attitude that leans by as much against the body looks the same: put the "
+        "vehicle level on the floor, and see whether roll and pitch are 0 there.",
         excitation="fast tilts and yaw: one axis shows in another",
         tolerance=0.001,
         in_differences=True,
