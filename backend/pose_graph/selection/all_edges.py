@@ -72,8 +72,9 @@ def one_factor_explains(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> bool:
     if rest <= 0 or not np.isfinite(predictions).all():
         return False
     gain = float(removal_gains(problem.residuals(fit.w_T), predictions).max())
-    ratio = (gain / problem.dof) / max((test.statistic - gain) / rest, np.finfo(float).tiny)
-    if ratio > f_limit(_SIGNIFICANCE / len(problem.i), problem.dof, rest):
+    # Compared without a quotient: where nothing else shows noise, it would be infinite.
+    of_others = max((test.statistic - gain) / rest, 0.0)
+    if gain / problem.dof > f_limit(_SIGNIFICANCE / len(problem.i), problem.dof, rest) * of_others:
         return False
     factor = float(np.sqrt(test.statistic / test.dof))
     return are_selective(problem.with_noise(factor), fit.w_T) or not are_selective(problem, fit.w_T)
