@@ -43,8 +43,8 @@ def exit_code() -> int | None:
 
 
 @contextmanager
-def noted_interrupt(told: str) -> Iterator[Callable[[], bool]]:
-    """Only note the first Ctrl-C in the block, and print a line; a second one interrupts as usual.
+def noted_interrupt(line: str) -> Iterator[Callable[[], bool]]:
+    """Only note the first Ctrl-C in the block, and print ``line``; a second one interrupts as usual.
 
     The value is a function that returns whether Ctrl-C was pressed.
     """
@@ -54,7 +54,7 @@ def noted_interrupt(told: str) -> Iterator[Callable[[], bool]]:
     def note(number: int, frame: FrameType | None) -> None:
         noted.append(number)
         signal.signal(signal.SIGINT, before)
-        os.write(2, f"{told}\n".encode())  # a print may be interrupted in the middle of another one
+        os.write(2, f"{line}\n".encode())  # a print may be interrupted in the middle of another one
 
     is_main = threading.current_thread() is threading.main_thread()
     if not is_main or before is signal.SIG_IGN:

@@ -22,7 +22,7 @@ from slam.data_quality import axes_of_all, without_dead_streams, without_frozen
 from slam.data_quality.commands import has_commands
 from slam.simulation.model import Model, load_model
 
-NOTHING_TO_COMPARE = "no command log, and too little of imu and attitude to compare other instruments with"
+NOTHING_TO_COMPARE = "too little of imu and attitude to compare other instruments with"
 NO_LOG, WRONG_AXES = "no command log", "readings of wrong axes, which no motion of the vehicle makes"
 
 
@@ -65,6 +65,6 @@ def _by_instruments(flights: Sequence[Flight], model: Model, progress: Progress,
     kept, readings = without_frozen([flight for flight, _ in clean])
     compared = explain_comparisons(kept, readings, model, why, progress)
     if compared is None:
-        return unusable([NOTHING_TO_COMPARE, *dropped], dropped)
+        return unusable([f"{why}, and {NOTHING_TO_COMPARE}", *dropped], dropped)
     criticism = judge(compared)
     return replace(criticism, dropped=(*dropped, *criticism.dropped))

@@ -68,10 +68,10 @@ def explain(
     if best is not None:
         known = {e.name: best.probability(e) for e in reported.chosen}
         posterior = posterior.raised(known, reported.rivals)
-    anomalies = [*prepared.anomalies, *reading_anomalies(reported.last.fisher.passes)]
     return CommandedFlights(
-        found=reported, posterior=posterior, limits=prepared.limits, anomalies=anomalies, readings=readings,
-        model=model, progress=progress, doubts=doubts, best=best, dropped=prepared.dropped,
+        found=reported, posterior=posterior, limits=prepared.limits, readings=readings, model=model,
+        anomalies=[*prepared.anomalies, *reading_anomalies(reported.last.fisher.passes)],
+        progress=progress, doubts=doubts, refuted=tuple(refuted), best=best, dropped=prepared.dropped,
     )  # fmt: skip
 
 
@@ -85,9 +85,8 @@ class CommandedFlights(Evidence):
     @cached_property
     def parameters(self) -> FilterParameters:
         """Filter parameters with the chosen causes in them."""
-        if self.best is not None:
-            return self.best.parameters
-        return fitted_parameters(self.found, self.found.chosen)
+        best, found = self.best, self.found
+        return fitted_parameters(found, found.chosen) if best is None else best.parameters
 
     @cached_property
     def _together(self) -> HeldOut | None:

@@ -72,8 +72,9 @@ class Evidence(ABC):
     """Cause -> what contradicts it."""
     best: RolloutFit | None = None
     """Sizes by roll-outs for an out-of-model vehicle, else None."""
+    refuted: tuple[str, ...] = ()
     withdrawn: tuple[str, ...] = ()
-    """Terms that were chosen, and with which held-out flights are predicted worse."""
+    """Chosen terms that contradict themselves, and ones with which held-out flights are predicted worse."""
 
     @cached_property
     @abstractmethod
@@ -91,7 +92,8 @@ class Evidence(ABC):
     def without(self, name: str) -> Self:
         """Return the evidence with a chosen term withdrawn."""
         withdrawn, found = (*self.withdrawn, name), self.found.without([name])
-        return replace(self, found=found, posterior=posterior_of(found, withdrawn), withdrawn=withdrawn)
+        posterior = posterior_of(found, (*self.refuted, *withdrawn))
+        return replace(self, found=found, posterior=posterior, withdrawn=withdrawn)
 
     def causes_of(self, all_together: HeldOut, channels: tuple[ChannelError, ...]) -> tuple[Cause, ...]:
         """Return the chosen terms as causes, with sizes by roll-outs where there are any.
@@ -122,12 +124,11 @@ class Evidence(ABC):
 def judge(evidence: Evidence) -> Criticism:
     """Return the criticism of a model by the evidence of flights.
 
-    Terms with which held-out flights are predicted worse are withdrawn, first the one that fewest parts show.
+    Terms that predict held-out flights worse are withdrawn, first what gains least without its best part.
     """
     while evidence.best is None and evidence.causes and evidence.causes[0].gain.flies_worse:
         evidence = evidence.without(min(evidence.causes, key=lambda cause: cause.gain.beside_best).name)
-    found, posterior, limits = evidence.found, evidence.posterior, evidence.limits
-    judged = _judged(evidence)
+    found, posterior, limits, judged = evidence.found, evidence.posterior, evidence.limits, _judged(evidence)
     causes, left = judged.reported, judged.left
     pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
     entailed = [name for o in evidence.anomalies for name in ENTAILS.get(o.name, ())]

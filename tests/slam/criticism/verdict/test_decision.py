@@ -147,17 +147,20 @@ def test_causes_that_predict_held_out_flights_worse_are_withdrawn(monkeypatch, m
     )
     found = SearchResult(model=None, first=tests, last=tests, chosen=tuple(map(Effect, both)))
     certain = Posterior({SOMETHING_ELSE: 0.0, NOTHING: 0.0} | dict.fromkeys(both, 1.0))
-    monkeypatch.setattr(judge, "posterior_of", lambda found, refuted: certain)
+    no_alternatives: list[tuple[str, ...]] = []
+    monkeypatch.setattr(judge, "posterior_of", lambda found, gone: no_alternatives.append(gone) or certain)
     monkeypatch.setattr(judge, "with_sentences", lambda found: found)
     told = judge.judge(
         Predicted(
             found=found, posterior=certain, limits=load_thresholds(), anomalies=(), readings=(), model=None,
-            progress=silent, missed=dict(zip([both, both[1:]], missed, strict=True)),
+            progress=silent, missed=dict(zip([both, both[1:]], missed, strict=True)), refuted=("gusts",),
         )
     )  # fmt: skip
     assert sorted(c.name for c in told.causes) == claimed
     assert [finding.effect for finding in told.findings] == [n for n in both if n not in claimed]
     assert {finding.is_cause for finding in told.findings} <= {False}
+    gone = [n for n in both if n not in claimed]
+    assert no_alternatives == [("gusts", *gone[: k + 1]) for k in range(len(gone))]
 
 
 def test_a_cause_weaker_than_the_remainder_is_doubted():
