@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def add_aligned(
-    graph: PoseSideFactors,
+    pose_side: PoseSideFactors,
     pairs: tuple[AlignedPair, ...],
     camera: PinholeModel,
     at: gtsam.Values,
@@ -44,4 +44,4 @@ def add_aligned(
         whitening = homography_whitening(pair.covariance, by_slope[number])
         keys, pixel = (POSE(pair.k), POSE(pair.j)), pair.k_pixel.ravel()
         factor = homography_factor(keys, rays[number], pixel, plane, whitening, model)
-        graph.add("aligned pair", factor)
+        pose_side.add("aligned pair", factor)

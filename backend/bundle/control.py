@@ -57,7 +57,7 @@ def on_floor(point: ControlPoint, camera: PinholeModel, f_T_c: Array) -> Array:
 
 
 def add_control(
-    graph: PoseSideFactors,
+    pose_side: PoseSideFactors,
     points: Sequence[ControlPoint],
     world_key: int,
     lens: Array | None,
@@ -72,11 +72,11 @@ def add_control(
         mark = gtsam.noiseModel.Isotropic.Sigma(2, point.std_px * weights.marks)
         views = gtsam.noiseModel.Robust.Create(kernel, mark)
         for k, pixel in zip(point.keyframe.tolist(), point.pixel, strict=True):
-            graph.add("mark", view_factor(POSE(k), POINT(number), pixel, views, lens))
+            pose_side.add("mark", view_factor(POSE(k), POINT(number), pixel, views, lens))
         # An axis with an infinite deviation was not surveyed: it has no weight.
         precisions = gtsam.noiseModel.Diagonal.Precisions((point.std_m * weights.survey) ** -2.0)
         survey = robust(precisions, int(np.isfinite(point.std_m).sum()))
-        graph.add("survey", survey_factor(POINT(number), world_key, point.w_p_m, survey))
+        pose_side.add("survey", survey_factor(POINT(number), world_key, point.w_p_m, survey))
 
 
 def view_factor(

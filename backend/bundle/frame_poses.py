@@ -74,7 +74,7 @@ class FramePoses:
 
     def add(
         self,
-        graph: PoseSideFactors,
+        pose_side: PoseSideFactors,
         at: gtsam.Values,
         noise_factor: float,
     ) -> None:
@@ -88,4 +88,4 @@ class FramePoses:
             keys = POSE(frame.k), FRAME(number)
             rays, pixel = self._rays[number], self._k_pixel[number]
             factor = homography_factor(keys, rays, pixel, self.plane, whitening, model)
-            graph.add("frame homography", factor)
+            pose_side.add("frame homography", factor)

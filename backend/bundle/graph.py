@@ -174,25 +174,25 @@ def start_variables(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> V
 
 def pose_side_factors(problem: BundleProblem, noise: NoiseLevels, start: gtsam.Values) -> PoseSideFactors:
     """Build the factors of everything but the floor points: sensors, calibration and gauge."""
-    graph = PoseSideFactors()
-    _add_sensors(graph, problem, noise)
+    pose_side = PoseSideFactors()
+    _add_sensors(pose_side, problem, noise)
     lens = None if problem.self_calibrates else start_numbers(problem.camera)
     weights = ControlWeights(noise.control, noise.marks, problem.config.huber_sigmas)
-    add_control(graph, problem.measurements.control, WORLD, lens, weights)
+    add_control(pose_side, problem.measurements.control, WORLD, lens, weights)
     if problem.self_calibrates:
-        _add_calibration(graph, problem.camera)
-    _add_gauge(graph, problem, start, noise)
+        _add_calibration(pose_side, problem.camera)
+    _add_gauge(pose_side, problem, start, noise)
     if problem.measurements.heights:
-        graph.add("barometer prior", heights_prior(start))
-    add_aligned(graph, problem.measurements.aligned, problem.camera, start)
+        pose_side.add("barometer prior", heights_prior(start))
+    add_aligned(pose_side, problem.measurements.aligned, problem.camera, start)
     b_T_c = problem.camera.b_T_c
     if problem.reported is not None:
-        add_reported(graph, problem.reported, WORLD, b_T_c, noise.reported)
+        add_reported(pose_side, problem.reported, WORLD, b_T_c, noise.reported)
         if problem.inertial is None:
-            problem.reported.path.frames.add(graph, start, NOMINAL_INERTIAL_NOISE.frames)
+            problem.reported.path.frames.add(pose_side, start, NOMINAL_INERTIAL_NOISE.frames)
     if problem.inertial is not None:
-        add_inertial(graph, problem.inertial, start, WORLD, b_T_c, noise.inertial)
-    return graph
+        add_inertial(pose_side, problem.inertial, start, WORLD, b_T_c, noise.inertial)
+    return pose_side
 
 
 def start_calibration(at: Variables, camera: PinholeModel) -> Variables:
@@ -202,13 +202,13 @@ def start_calibration(at: Variables, camera: PinholeModel) -> Variables:
     return Variables(values, at.point)
 
 
-def _add_calibration(graph: PoseSideFactors, camera: PinholeModel) -> None:
+def _add_calibration(pose_side: PoseSideFactors, camera: PinholeModel) -> None:
     """Add the prior on the calibration."""
     model = gtsam.noiseModel.Gaussian.Covariance(prior_covariance(camera))
-    graph.add("lens prior", gtsam.PriorFactorVector(CALIBRATION(0), prior_calibration(camera), model))
+    pose_side.add("lens prior", gtsam.PriorFactorVector(CALIBRATION(0), prior_calibration(camera), model))
 
 
-def _add_sensors(graph: PoseSideFactors, problem: BundleProblem, noise: NoiseLevels) -> None:
+def _add_sensors(pose_side: PoseSideFactors, problem: BundleProblem, noise: NoiseLevels) -> None:
     """Add factors of attitudes, ranges and positions."""
     measurements, c_T_b = problem.measurements, problem.c_T_b
     if measurements.attitudes:
@@ -216,13 +216,13 @@ def _add_sensors(graph: PoseSideFactors, problem: BundleProblem, noise: NoiseLev
         for a, std in zip(measurements.attitudes, noise.roll_pitch_rad * ratio, strict=True):
             c_up = c_T_b[:3, :3] @ body_up(a.roll_pitch_yaw_rad)
             model = robust(gtsam.noiseModel.Isotropic.Sigma(2, std))
-            graph.add("attitude", level_factor(POSE(a.k), WORLD, c_up, model))
+            pose_side.add("attitude", level_factor(POSE(a.k), WORLD, c_up, model))
     if measurements.ranges:
         ratio = over_typical([r.std_m for r in measurements.ranges])
         for r, std in zip(measurements.ranges, noise.range_m * ratio, strict=True):
             model = robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
             factor = scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b @ r.b_T_s)
-            graph.add("range", factor)
+            pose_side.add("range", factor)
     if measurements.positions:
         over = positions_over_typical(measurements.positions)
         for p, std_m in zip(measurements.positions, noise.position_m * over, strict=True):
@@ -230,17 +230,17 @@ def _add_sensors(graph: PoseSideFactors, problem: BundleProblem, noise: NoiseLev
             measured = np.isfinite(p.std_m)
             precision = np.where(measured, std_m**-2.0, 0.0)
             model = robust(gtsam.noiseModel.Diagonal.Precisions(precision), int(measured.sum()))
-            graph.add("position", scaled_position_factor(POSE(p.k), WORLD, p.w_p_antenna_m, model, c_T_b))
+            pose_side.add("position", scaled_position_factor(POSE(p.k), WORLD, p.w_p_antenna_m, model, c_T_b))
     if measurements.heights:
         ratio = over_typical([h.std_m for h in measurements.heights])
         for h, std in zip(measurements.heights, noise.height_m * ratio, strict=True):
             model = robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
             factor = height_factor(POSE(h.k), WORLD, h.height_m, model, problem.camera.b_T_c)
-            graph.add("barometer height", factor)
+            pose_side.add("barometer height", factor)
 
 
 def _add_gauge(
-    graph: PoseSideFactors, problem: BundleProblem, start: gtsam.Values, noise: NoiseLevels
+    pose_side: PoseSideFactors, problem: BundleProblem, start: gtsam.Values, noise: NoiseLevels
 ) -> None:
     """Add priors that fix unobserved quantities at their initial values.
 
@@ -251,9 +251,9 @@ def _add_gauge(
     measured, placed = problem.measurements, problem.measurements.placed
     first, plane = start.atPose3(POSE(0)), free if placed else held
     place = gtsam.noiseModel.Diagonal.Sigmas(np.array([plane, plane, held]))
-    graph.add("gauge", gtsam.PoseTranslationPrior3D(POSE(0), first, place))
+    pose_side.add("gauge", gtsam.PoseTranslationPrior3D(POSE(0), first, place))
     heading = gtsam.noiseModel.Diagonal.Sigmas(np.array([free, free, plane]))
-    graph.add("gauge", gtsam.PoseRotationPrior3D(POSE(0), first, heading))
+    pose_side.add("gauge", gtsam.PoseRotationPrior3D(POSE(0), first, heading))
     sigmas = np.full(WORLD_SIZE, held)
     sigmas[LOG_SCALE] = free if problem.has_scale else held
     raised = measured.control or any(np.isfinite(p.std_m[2]) for p in measured.positions)
@@ -273,11 +273,11 @@ def _add_gauge(
         world[LOG_SCALE] += np.log(problem.scale_prior.ratio)
     model = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
     prior = gtsam.PriorFactorVector(WORLD, world, model)
-    graph.add("world prior", prior, _world_instruments(problem.scale_prior is not None))
+    pose_side.add("world prior", prior, _world_instruments(problem.scale_prior is not None))
 
 
 def _world_instruments(by_imu: bool) -> list[str]:
-    """Return the instrument of each number of the world; its scale may be told ``by_imu``."""
+    """Return the instrument of each number of the world variable; ``by_imu`` if the IMU gives its scale."""
     found = ["assumed"] * WORLD_SIZE
     found[LOG_GAIN] = found[DATUM] = "range"
     found[MOUNT] = ["pictures"] * len(found[MOUNT])

@@ -1,4 +1,4 @@
-"""The calibration that all pictures share: what is told of it, and what a refinement has estimated.
+"""The calibration that all pictures share: what is stated of it, and what a refinement has estimated.
 
 Its numbers are in OpenCV's notation. They are (fx, fy, cx, cy, k1, k2, p1, p2, k3) of Brown's model, and
 (fx, fy, cx, cy, k1, k2, k3, k4) of an equidistant fisheye.
@@ -39,7 +39,7 @@ class LensEstimate:
 
     @property
     def is_estimated(self) -> NDArray[np.bool_]:
-        """Whether the flight tells more about each number than was told before it.
+        """Whether the flight tells more about each number than was known before it.
 
         The information of an estimate is that of the prior plus that of the flight. The flight has the larger
         share where the variance is below half of the prior's.

@@ -1,6 +1,6 @@
 """Choice between two models of an uncertain lens, Brown's and an equidistant fisheye, by their evidence.
 
-Where nothing is told of a distortion, its model is not told either. Both models are then fitted to the same
+Where no distortion is stated, its model is not known either. Both models are then fitted to the same
 observations at the same noise. The evidence of each is the marginal likelihood by Laplace's approximation:
 the likelihood at the optimum, and how much the flight narrows the priors of the numbers. What both models
 share, poses and points, contributes equally to both. The fisheye has no tangential terms, so Brown's model
@@ -41,7 +41,7 @@ def fisheye_by_evidence(
     """Return problem and variables of an equidistant fisheye, if it explains the observations much better.
 
     ``optimum`` has the ``error``, half the sum of squares, and ``start`` holds what nothing observes. The
-    result is None where the fisheye is not better, or where the model of the lens is told or held.
+    result is None where the fisheye is not better, or where the model of the lens is stated or held.
     """
     brown = optimum.problem.camera
     prior = prior_calibration(brown)
@@ -90,7 +90,7 @@ def _alike(optimum: BundleOptimum) -> Array:
     recorded = np.sum((seen.pixel - lens[CENTER]) / lens[FOCAL] * xy, axis=1) / radius
     powers = np.arctan(radius)[:, None] ** np.array([1, 3, 5, 7, 9])
     weight = lens[0] / seen.std_px
-    # A narrow view does not tell all numbers: their priors keep them where they are told.
+    # A narrow view does not show all numbers: their priors keep those at what is stated.
     priors = np.diag([0.0] + [1 / prior.radial_std] * 4)
     rows = np.vstack([powers * weight[:, None], priors])
     ratio, *terms = np.linalg.lstsq(rows, np.append(recorded * weight, np.zeros(5)), rcond=None)[0]

@@ -1,4 +1,4 @@
-"""Evidence of what is told of a lens: priors of several widths about the same numbers, compared.
+"""Evidence of what is stated of a lens: priors of several widths about the same numbers, compared.
 
 The lens is estimated under one prior, best the widest. About that estimate the likelihood is taken as normal,
 so that the marginal likelihood of every other prior has a closed form, at the same noise and observations.

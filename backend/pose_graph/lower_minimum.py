@@ -32,8 +32,10 @@ def lower_minimum(graph: PoseGraph, solution: Solution) -> Array | None:
     problem = from_pose_graph(graph).with_edges(solution.edge_kept)
     gauge_fixed = gauge_fixed_part(problem, solution.w_T_b)
     held = int(np.argmax(graph.fixed))
-    best: tuple[float, Array | None] = (solution.error * (1 - _LOWER), None)
-    for start in (initial_poses(replace(problem, initial=np.full_like(graph.poses, np.nan))), graph.poses):
+    lowest = solution.error * (1 - _LOWER)
+    w_T: Array | None = None
+    by_odometry = initial_poses(replace(problem, initial=np.full_like(graph.poses, np.nan)))
+    for start in (by_odometry, graph.poses):
         if not np.isfinite(start).all():
             continue
         placed = solution.w_T_b[held] @ se3.inverse(start[held]) @ start
@@ -41,7 +43,6 @@ def lower_minimum(graph: PoseGraph, solution: Solution) -> Array | None:
             fit = damped_fit(gauge_fixed, placed)
         except BackendError:
             continue
-        best = min(best, (fit.minimum.error, fit.w_T), key=lambda each: each[0])
-    if best[1] is None:
-        return None
-    return np.where(graph.fixed[:, None, None], graph.poses, best[1])
+        if fit.minimum.error < lowest:
+            lowest, w_T = fit.minimum.error, fit.w_T
+    return None if w_T is None else np.where(graph.fixed[:, None, None], graph.poses, w_T)

@@ -79,14 +79,15 @@ def build_estimate(
     assert flight.frames is not None
     not_placed = pictures_not_placed(flight, map_)
     loops = _loop_verdicts(setup.config, observations, edges, solution)
-    mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
-    velocity = velocity_errors(map_.bundle)
+    instruments = _instrument_errors(context, map_, shared)
     datum = datum_displacements(flight, map_)
     held = np.concatenate([instrument_displacements(context, map_), datum], axis=2)
     kept = _kept_edges(map_)
-    by_instruments = [velocity_warning(velocity), barometer_warning(map_.bundle)]
+    by_instruments = [velocity_warning(instruments.velocity), barometer_warning(map_.bundle)]
     shares = _information_shares(flight, map_)
-    said = messages(context, map_, not_placed, shared, mount, shares, [*untested, *by_instruments])
+    said = messages(
+        context, map_, not_placed, shared, instruments.mount, shares, [*untested, *by_instruments]
+    )
     return Estimate(
         name=flight.name,
         status=said.status,
@@ -112,17 +113,7 @@ def build_estimate(
         warnings=said.warnings,
         control=map_.control,
         floor_slope_rad=map_.slope_rad,
-        instruments=InstrumentErrors(
-            attitude_errors(flight, observations.stamps_s, map_.of_main(map_.w_T_b), not flight.parts),
-            accelerometer_errors(map_.inertial, clock),
-            mount,
-            shared or (context.refuted_lens.errors if context.refuted_lens else None),
-            clock,
-            lens_numbers(map_.bundle),
-            velocity,
-            barometer_errors(map_.bundle),
-            antenna_place(map_.bundle),
-        ),
+        instruments=instruments,
         antenna_m=antenna_m(map_.bundle),
         antenna_covariances=_antenna_covariances(map_),
         accuracy_basis=accuracy_basis(flight, map_, shares),
@@ -137,6 +128,23 @@ def build_estimate(
         iterations=solution.iterations + (map_.bundle.iterations if map_.bundle else 0),
         floor_points=map_.floor_points,
         certificate=_certificate(context, map_, kept),
+    )
+
+
+def _instrument_errors(context: Context, map_: Map, shared: SystematicErrors | None) -> InstrumentErrors:
+    """Return the errors of the instruments in a map, with those ``shared`` by pictures or positions."""
+    flight, clock = context.flight, clock_errors(map_.clock, context.clock)
+    stamps_s, main_w_T_b = map_.observations.stamps_s, map_.of_main(map_.w_T_b)
+    return InstrumentErrors(
+        attitude=attitude_errors(flight, stamps_s, main_w_T_b, not flight.parts),
+        accelerometer=accelerometer_errors(map_.inertial, clock),
+        mount=mount_tilt(flight.camera, map_.bundle),
+        systematic=shared or (context.refuted_lens.errors if context.refuted_lens else None),
+        picture_clock=clock,
+        lens=lens_numbers(map_.bundle),
+        velocity=velocity_errors(map_.bundle),
+        barometer=barometer_errors(map_.bundle),
+        antenna=antenna_place(map_.bundle),
     )
 
 

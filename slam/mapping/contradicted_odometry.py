@@ -50,12 +50,12 @@ def contradicted_step(
     group = _largest_group(loops, known, placed)
     if not group.any():
         return None
-    each = -(-int(np.count_nonzero(group)) // _LOOKS)
-    looked = group & (np.cumsum(group) % each == 0)
+    every = -(-int(np.count_nonzero(group)) // _LOOKS)
+    looked = group & (np.cumsum(group) % every == 0)
     absent, present = _second_look(front_end, chain, found, loops, looked)
     low, high = np.array([(edge.i, edge.j) for edge in loops]).T
     agreeing = present | (placed.is_known & ~placed.beyond)
-    votes = _spanning(len(known.w_T_b), low, high, each * absent.astype(np.float64) - agreeing)
+    votes = _spanning(len(known.w_T_b), low, high, every * absent.astype(np.float64) - agreeing)
     trusted = [edge for edge in edges if (edge.i, edge.j) in odometry]
     stretch = _weakest_stretch(votes, trusted)
     if stretch is None:
@@ -73,7 +73,7 @@ def contradicted_step(
         ),
         between=(int(low[over].max()), int(high[over].min())),
         weakest=stretch,
-        left_out=bool(each * np.count_nonzero(absent & over) > links),
+        left_out=bool(every * np.count_nonzero(absent & over) > links),
     )
 
 

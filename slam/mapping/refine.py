@@ -81,12 +81,7 @@ def refine_map(
             component[members[~is_tied[members]]] = -1
             members = np.flatnonzero(component == number)
         parts.append(evidence.part(members, solution.w_T_b[members]))
-    w_T_b, (covariances, over_floor_covariances) = np.full((n, 4, 4), np.nan), np.full((2, n, 6, 6), np.nan)
-    for part in parts:
-        w_T_b[part.members] = part.w_T_b
-        if part.bundle is not None:
-            covariances[part.members] = part.bundle.covariances
-            over_floor_covariances[part.members] = part.bundle.over_floor_covariances
+    w_T_b, covariances, over_floor_covariances = _poses(parts, n)
     main = parts[0] if parts else None
     return replace(
         solved,
@@ -120,6 +115,20 @@ def refine_map(
             [refined_floor_points(p.bundle, p.members) for p in parts if p.bundle]
         ),
     )
+
+
+def _poses(parts: Sequence[MapPart], n: int) -> tuple[Array, Array, Array]:
+    """Return the poses (n, 4, 4) of all parts, and covariances (n, 6, 6) in the world and over the floor.
+
+    They are NaN for keyframes of no part, and the covariances also for a part that was not refined.
+    """
+    w_T_b, (covariances, over_floor_covariances) = np.full((n, 4, 4), np.nan), np.full((2, n, 6, 6), np.nan)
+    for part in parts:
+        w_T_b[part.members] = part.w_T_b
+        if part.bundle is not None:
+            covariances[part.members] = part.bundle.covariances
+            over_floor_covariances[part.members] = part.bundle.over_floor_covariances
+    return w_T_b, covariances, over_floor_covariances
 
 
 def floor_tracks(solved: Map, setup: Setup) -> FloorTracks:
@@ -268,6 +277,7 @@ def _no_scale(
 
 
 def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:
+    """Return which of ``n`` keyframes any registration ties to another one."""
     tied = np.zeros(n, bool)
     for r in kept:
         tied[[r.i, r.j]] = True

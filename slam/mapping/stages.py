@@ -203,10 +203,10 @@ def self_calibrate(context: Context, matched: Observations, refined: Map) -> tup
 def freed_calibrations(
     context: Context, refined: Map, errors: SystematicErrors | None, lens_is_suspect: bool
 ) -> Freed | None:
-    """Return what is told of the instruments after the calibrations are freed that the pictures refute.
+    """Return the stated instruments after the calibrations are freed that the pictures refute.
 
     They are held ones whose ``errors`` displace the poses by more than their covariances state, a lens of
-    another model, and one that is told as more certain than the evidence says, which is computed where the
+    another model, and one that is stated as more certain than the evidence says, which is computed where the
     lens is doubted or suspect. The result is None where nothing is refuted.
     """
     camera, gps = context.job.camera, context.flight.gps
@@ -228,7 +228,7 @@ def freed_calibrations(
 
 
 def _with_doubted_lens_freed(context: Context, refined: Map) -> Freed | None:
-    """Return the lens with a wider prior, if its evidence is much stronger than that of what is told."""
+    """Return the lens with a wider prior, if its evidence is much stronger than that of the stated one."""
     camera = context.job.camera
     with context.timer("refine"):
         widest = replace(context.setup, camera=as_assumed(camera))

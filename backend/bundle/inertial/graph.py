@@ -231,7 +231,7 @@ def without_unused(
 
 
 def add_inertial(
-    graph: PoseSideFactors,
+    pose_side: PoseSideFactors,
     part: InertialPart,
     at: gtsam.Values,
     world: int,
@@ -239,19 +239,19 @@ def add_inertial(
     factors: InertialNoiseFactors,
 ) -> None:
     """Add priors on biases and constants of the IMU, the homographies of pictures, and the intervals."""
-    _add_biases(graph, part)
+    _add_biases(pose_side, part)
     constants = gtsam.noiseModel.Gaussian.Covariance(_constants_covariance(part.inertial))
-    graph.add("inertial prior", gtsam.PriorFactorVector(IMU, _nominal_constants(part), constants))
-    part.path.frames.add(graph, at, factors.frames)
+    pose_side.add("inertial prior", gtsam.PriorFactorVector(IMU, _nominal_constants(part), constants))
+    part.path.frames.add(pose_side, at, factors.frames)
     unit = robust_unit(STATE_SIZE)
     for interval in part.intervals:
         whitening = interval.whitening(factors.gyro, factors.accel)
         keys, by_gain = part.keys(interval, world), part.by_gain[interval.i]
         factor = inertial_factor(interval, whitening, by_gain, keys, b_T_c, unit)
-        graph.add("inertial interval", factor)
+        pose_side.add("inertial interval", factor)
 
 
-def _add_biases(graph: PoseSideFactors, part: InertialPart) -> None:
+def _add_biases(pose_side: PoseSideFactors, part: InertialPart) -> None:
     """Add the prior on the bias, once for all chains, and the walk of the bias between these.
 
     The walk goes on where readings are lost. It may jump across intervals that were cut. The robust loss lets
@@ -262,14 +262,14 @@ def _add_biases(graph: PoseSideFactors, part: InertialPart) -> None:
     walks = np.maximum(np.repeat([noise.accel_walk, noise.gyro_walk], 3), _LEAST_WALK * offsets)
     runs = list(chains(part.intervals))
     first = gtsam.noiseModel.Diagonal.Sigmas(offsets)
-    graph.add("inertial prior", gtsam.PriorFactorConstantBias(BIAS(runs[0][0].i), none, first))
+    pose_side.add("inertial prior", gtsam.PriorFactorConstantBias(BIAS(runs[0][0].i), none, first))
     for before, after in pairwise(runs):
         left, right = before[-1].j, after[0].i
         walk = walks * np.sqrt(part.path.stamps_s[right] - part.path.stamps_s[left])
         jumps = any(left <= k < right for k in part.cut)
         model = robust(gtsam.noiseModel.Diagonal.Sigmas(np.hypot(walk, offsets if jumps else 0.0)))
         between = gtsam.BetweenFactorConstantBias(BIAS(left), BIAS(right), none, model)
-        graph.add("inertial prior", between)
+        pose_side.add("inertial prior", between)
 
 
 def _nominal_constants(part: InertialPart) -> Array:

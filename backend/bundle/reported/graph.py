@@ -150,7 +150,7 @@ def _constants_covariance(motion: ReportedMotion, gain_std: float) -> Array:
 
 
 def add_reported(
-    graph: PoseSideFactors,
+    pose_side: PoseSideFactors,
     part: ReportedPart,
     world: int,
     b_T_c: Array,
@@ -160,13 +160,13 @@ def add_reported(
     motion = part.motion
     prior = gtsam.noiseModel.Gaussian.Covariance(_constants_covariance(motion, part.gain_std))
     constants = gtsam.PriorFactorVector(REPORTED, nominal_constants(), prior)
-    graph.add("reported prior", constants, _OF_CONSTANTS)
+    pose_side.add("reported prior", constants, _OF_CONSTANTS)
     unit, nodes = gtsam.noiseModel.Unit.Create(CHANNELS), ends(part.intervals)
     start = gtsam.PriorFactorVector(ERROR(nodes[0]), np.zeros(CHANNELS), unit)
-    graph.add("reported prior", start, _OF_CHANNELS)
+    pose_side.add("reported prior", start, _OF_CHANNELS)
     for i, j in pairwise(nodes):
         kept = np.exp((part.path.stamps_s[i] - part.path.stamps_s[j]) / np.array(noise.time_s))
-        graph.add("reported prior", _fading((ERROR(i), ERROR(j)), kept), _OF_CHANNELS)
+        pose_side.add("reported prior", _fading((ERROR(i), ERROR(j)), kept), _OF_CHANNELS)
     rows = CHANNELS if motion.tells_turns else CHANNELS - 1
     model = robust_unit(rows)
     for one in part.intervals:
@@ -175,7 +175,7 @@ def add_reported(
         )
         interval_noise = IntervalNoise.of(one, noise, part.jumps.get(one.i, np.zeros(CHANNELS)))
         factor = reported_factor(one, interval_noise, keys, b_T_c, rows, model)
-        graph.add("reported interval", factor, _OF_CHANNELS[:rows])
+        pose_side.add("reported interval", factor, _OF_CHANNELS[:rows])
 
 
 def _fading(keys: tuple[int, int], kept: Array) -> gtsam.CustomFactor:

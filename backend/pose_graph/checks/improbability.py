@@ -26,15 +26,18 @@ _COMMON_CAUSE = -float(np.log(SIGNIFICANCE))
 
 @dataclass(frozen=True)
 class Rivals:
-    """A group of rejected edges, and the kept edges of which one side must be false if the other is true."""
+    """Rejected edges that agree with each other, and kept edges that contradict them: one side is false."""
 
     rejected: Index
+    """(r,) numbers of the rejected edges."""
     against: Index
+    """(k,) numbers of the kept edges that are false if the rejected ones are true."""
     log_odds: float
     """Log odds (nats) of the kept edges against the rejected ones."""
     length: float
     """Distance by which the poses behind the edges would move, in the unit of the graph."""
     degrees: float
+    """Angle by which they would turn."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,9 @@ class Improbability:
 
     problem: Problem
     kept: Mask
+    """(m,) which edges the solution keeps."""
     w_T: Array
+    """(n, 4, 4) poses of the solution."""
 
     @cached_property
     def row(self) -> Index:

@@ -67,25 +67,25 @@ def doubtful_rivals(problem: Problem, kept: Mask, w_T: Array, deadline: float = 
     samples = posterior_samples(problem, kept, w_T) if len(rejected) and kept.any() else None
     if samples is None:
         return None
-    worth = Improbability(problem, kept, w_T)
-    groups = _groups(problem, rejected, w_T, samples, worth)
-    found = [_contradicted(problem, group, w_T, worth) for group in groups]
-    found += rival_maps(worth, found, deadline)
+    improbability = Improbability(problem, kept, w_T)
+    groups = _groups(problem, rejected, w_T, samples, improbability)
+    found = [_contradicted(problem, group, w_T, improbability) for group in groups]
+    found += rival_maps(improbability, found, deadline)
     worst = min(found, key=lambda each: each.log_odds, default=None)
     return worst if worst is not None and worst.log_odds < LEAST_LOG_ODDS else None
 
 
 def _groups(
-    problem: Problem, rejected: Index, w_T: Array, samples: Array, worth: Improbability
+    problem: Problem, rejected: Index, w_T: Array, samples: Array, improbability: Improbability
 ) -> list[tuple[int, Index]]:
     """Return one of the edges, and all edges, of the groups of most rows that agree in one transform."""
-    state, own = _two_copies(problem, rejected, w_T, samples, noise_scale(problem, worth.kept, w_T))
+    state, own = _two_copies(problem, rejected, w_T, samples, noise_scale(problem, improbability.kept, w_T))
     most = max(1, min(MAX_HYPOTHESES, _MOST_PREDICTIONS // len(rejected)))
     found: list[tuple[float, int, Index]] = []
     for number in range(0, len(rejected), -(-len(rejected) // most)):
-        group = _over_one_step(problem, rejected[state.agreeing(number, own)], worth)
+        group = _over_one_step(problem, rejected[state.agreeing(number, own)], improbability)
         if len(group):
-            count = worth.rows(group) + np.count_nonzero(problem.trusted[group])
+            count = improbability.rows(group) + np.count_nonzero(problem.trusted[group])
             found.append((float(count), int(rejected[number]), group))
     groups: list[tuple[int, Index]] = []
     seen: set[int] = set()
@@ -123,7 +123,7 @@ def _two_copies(
     return Joining(copies, frames), np.arange(len(edges))
 
 
-def _over_one_step(problem: Problem, group: Index, worth: Improbability) -> Index:
+def _over_one_step(problem: Problem, group: Index, improbability: Improbability) -> Index:
     """Return the edges of a group over the step of the path that most rows span.
 
     Their earlier ends then lie on one side, and their later ends on the other.
@@ -132,21 +132,23 @@ def _over_one_step(problem: Problem, group: Index, worth: Improbability) -> Inde
         return group
     low, high = np.minimum(problem.i, problem.j)[group], np.maximum(problem.i, problem.j)[group]
     over = (low <= low[:, None]) & (low[:, None] < high)
-    best = int(np.argmax([len(np.unique(worth.row[group[each]])) for each in over]))
+    best = int(np.argmax([len(np.unique(improbability.row[group[each]])) for each in over]))
     return np.asarray(group[over[best]])
 
 
-def _contradicted(problem: Problem, group: tuple[int, Index], w_T: Array, worth: Improbability) -> Rivals:
+def _contradicted(
+    problem: Problem, group: tuple[int, Index], w_T: Array, improbability: Improbability
+) -> Rivals:
     """Return a group with the cheapest kept edges that must be false if it is true."""
     edge, edges = group
     low, high = np.minimum(problem.i, problem.j), np.maximum(problem.i, problem.j)
-    kept = np.flatnonzero(worth.kept)
-    first, row = np.unique(worth.row[kept], return_index=True, return_inverse=True)[1:]
+    kept = np.flatnonzero(improbability.kept)
+    first, row = np.unique(improbability.row[kept], return_index=True, return_inverse=True)[1:]
     # Odometry is false by itself; a further row of loops may have the cause of the others.
-    value = np.where(problem.trusted, worth.of_edge, np.log(2))[kept][first]
+    value = np.where(problem.trusted, improbability.of_edge, np.log(2))[kept][first]
     cut = kept[_minimum_cut(problem.count, low[kept], high[kept], row, value, low[edges], high[edges])]
     length, degrees = _moved(problem, edge, np.unique(high[edges]), w_T)
-    return Rivals(edges, cut, worth.log_odds(cut, edges), length, degrees)
+    return Rivals(edges, cut, improbability.log_odds(cut, edges), length, degrees)
 
 
 def _minimum_cut(

@@ -32,48 +32,51 @@ _MOST_MAPS = 3
 """Groups that are solved with the odometry, those of most loops first: each takes three solves."""
 
 
-def rival_maps(worth: Improbability, groups: Sequence[Rivals], deadline: float = math.inf) -> list[Rivals]:
+def rival_maps(
+    improbability: Improbability, groups: Sequence[Rivals], deadline: float = math.inf
+) -> list[Rivals]:
     """Return the rejected and the kept loops of the maps that groups of at least two rejected loops make.
 
     The groups are those of `rival_groups`. Only those are solved whose loops alone are no clear minority, and
     none after the ``deadline`` on the clock of ``time.monotonic``.
     """
-    loops = ~worth.problem.trusted
+    loops = ~improbability.problem.trusted
     sides = [(each.rejected[loops[each.rejected]], each.against[loops[each.against]]) for each in groups]
     likely = [
         group
         for group, against in sides
-        if len(group) > 1 and worth.log_odds_of_loops(against, group) < LEAST_LOG_ODDS
+        if len(group) > 1 and improbability.log_odds_of_loops(against, group) < LEAST_LOG_ODDS
     ]
-    gauge_fixed = gauge_fixed_part(worth.problem, worth.w_T, deadline)
+    gauge_fixed = gauge_fixed_part(improbability.problem, improbability.w_T, deadline)
     found: list[Rivals] = []
     for group in sorted(likely, key=len, reverse=True)[:_MOST_MAPS]:
         if gauge_fixed.options.out_of_time():
             break
-        rivals = _rivals(gauge_fixed, worth, group)
+        rivals = _rivals(gauge_fixed, improbability, group)
         found += [] if rivals is None else [rivals]
     return found
 
 
-def _rivals(gauge_fixed: GaugeFixedProblem, worth: Improbability, group: Index) -> Rivals | None:
+def _rivals(gauge_fixed: GaugeFixedProblem, improbability: Improbability, group: Index) -> Rivals | None:
     """Return what the map of odometry and a group of loops contradicts; None if there is no such map."""
-    problem, loops = worth.problem, ~worth.problem.trusted
+    problem, loops = improbability.problem, ~improbability.problem.trusted
     try:
-        found = _second_map(gauge_fixed, worth, group)
+        found = _second_map(gauge_fixed, improbability, group)
     except BackendError:
         return None
     if found is None:
         return None
     kept, fit = found
-    gained, lost = (np.flatnonzero(each & loops) for each in (kept & ~worth.kept, worth.kept & ~kept))
+    first_kept, first_w_T = improbability.kept, improbability.w_T
+    gained, lost = (np.flatnonzero(each & loops) for each in (kept & ~first_kept, first_kept & ~kept))
     if len(lost) == 0:
         return None
-    statistic = float((problem.residuals(worth.w_T)[worth.kept] ** 2).sum())
-    own = chi_square(problem.with_edges(worth.kept), statistic)
-    scale = min(noise_scale(problem, worth.kept, worth.w_T), 1.0)
-    strain = (_excess(fit.test) - _excess(own)) / 2 / scale**2
-    log_odds = worth.log_odds_of_loops(lost, gained) + strain
-    return Rivals(gained, lost, log_odds, *_apart(worth.w_T, fit.w_T, np.union1d(gained, lost), problem))
+    statistic = float((problem.residuals(first_w_T)[first_kept] ** 2).sum())
+    first_test = chi_square(problem.with_edges(first_kept), statistic)
+    scale = min(noise_scale(problem, first_kept, first_w_T), 1.0)
+    strain = (_excess(fit.test) - _excess(first_test)) / 2 / scale**2
+    log_odds = improbability.log_odds_of_loops(lost, gained) + strain
+    return Rivals(gained, lost, log_odds, *_apart(first_w_T, fit.w_T, np.union1d(gained, lost), problem))
 
 
 def _excess(test: ChiSquare) -> float:
@@ -82,14 +85,14 @@ def _excess(test: ChiSquare) -> float:
 
 
 def _second_map(
-    gauge_fixed: GaugeFixedProblem, worth: Improbability, group: Index
+    gauge_fixed: GaugeFixedProblem, improbability: Improbability, group: Index
 ) -> tuple[Mask, GraphFit] | None:
     """Return the edges (m,) that agree with odometry and a group, and their fit; None if these disagree."""
-    problem, loops = worth.problem, ~worth.problem.trusted
-    kept = worth.kept & ~loops
+    problem, loops = improbability.problem, ~improbability.problem.trusted
+    kept = improbability.kept & ~loops
     kept[group] = True
-    kept = connected(problem, kept, worth.kept, worth.w_T)
-    fit = least_squares_fit(gauge_fixed, kept, worth.w_T)
+    kept = connected(problem, kept, improbability.kept, improbability.w_T)
+    fit = least_squares_fit(gauge_fixed, kept, improbability.w_T)
     if not fit.test.passed:
         return None
     samples = sample_posterior(gauge_fixed.graph(kept), fit.minimum.values, problem.dof)
@@ -105,7 +108,7 @@ def _second_map(
 
 
 def _apart(w_T: Array, other: Array, loops: Index, problem: Problem) -> tuple[float, float]:
-    """Return root mean squares of the distance and the angle (degrees) between two maps at later ends."""
+    """Return root mean squares of distance and angle (degrees) between two maps at later ends of loops."""
     ends = np.unique(np.maximum(problem.i, problem.j)[loops])
     apart = se3.inverse(w_T[ends]) @ other[ends]
     angle = np.linalg.norm(se3.log(apart)[:, :3], axis=1)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.errors import BackendError
+from backend.pose_graph.chi_square import SIGNIFICANCE
 from backend.pose_graph.elimination import elimination_exceeds
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, GraphFit, damped_fit, initial_poses
 from backend.pose_graph.marginals import posterior
@@ -23,9 +24,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _CHEAP = 1e8
-"""Floating-point operations of an elimination of which a hundred take seconds."""
-_SIGNIFICANCE = 0.001
-"""Probability that one of the true edges stands out."""
+"""Floating-point operations of an elimination: a descent of a hundred of them takes seconds."""
 
 
 def loses_most_loops(problem: Problem, kept: Mask) -> bool:
@@ -60,8 +59,8 @@ def one_factor_explains(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> bool:
 
     No edge may stand out from the noise that the others show without it (F test). A false loop that no other
     one checks, and a wrong step under all loops, spread over all edges of their cycles: each of these stands
-    out, or leaves nothing that shows the noise. The stated deviations, or those at that factor, have to tell
-    false loops.
+    out, or leaves nothing that shows the noise. Deviations times that factor have to tell a false loop from a
+    true one, unless the stated ones do not either.
     """
     test, problem = fit.test, gauge_fixed.problem
     if test.passed:
@@ -74,7 +73,7 @@ def one_factor_explains(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> bool:
     gain = float(removal_gains(problem.residuals(fit.w_T), predictions).max())
     # Compared without a quotient: where nothing else shows noise, it would be infinite.
     of_others = max((test.statistic - gain) / rest, 0.0)
-    if gain / problem.dof > f_limit(_SIGNIFICANCE / len(problem.i), problem.dof, rest) * of_others:
+    if gain / problem.dof > f_limit(SIGNIFICANCE / len(problem.i), problem.dof, rest) * of_others:
         return False
     factor = float(np.sqrt(test.statistic / test.dof))
     return are_selective(problem.with_noise(factor), fit.w_T) or not are_selective(problem, fit.w_T)

@@ -11,11 +11,7 @@ from backend import se3
 from backend.errors import BackendError
 from backend.measurements import LinkCheck, Misfit, Rejection
 from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
-from backend.pose_graph.gauge_fixed_problem import (
-    GaugeFixedProblem,
-    GraphFit,
-    least_squares_fit,
-)
+from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, GraphFit, least_squares_fit
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import recheck_rejected, tail_inflation
 from backend.pose_graph.selection.all_edges import loses_most_loops, lowest_fit, one_factor_explains
@@ -202,7 +198,7 @@ def _evidence_gain(
     if with_tails:
         scale = here.scale * tail_inflation(here.scale * problem.noise)
         here, there = replace(here, scale=scale), replace(there, scale=scale)
-        in_tail = other.kept & ~found.kept & (found.innovation_sigma > np.sqrt(chi_square_gate(problem.dof)))
+        in_tail = other.kept & ~found.kept & (found.innovation_sigma > _edge_limit(problem))
         log_prior = float(np.log(SIGNIFICANCE)) * np.count_nonzero(in_tail)
     return there.evidence(here.odds) - here.evidence(here.odds) + log_prior
 
@@ -213,9 +209,14 @@ def has_loops_on_odometry(problem: Problem) -> bool:
     return bool(len(chain_members(problem)) <= trusted < len(problem.trusted))
 
 
+def _edge_limit(problem: Problem) -> float:
+    """Return the norm of whitened residuals that a true edge exceeds once in a thousand."""
+    return float(np.sqrt(chi_square_gate(problem.dof)))
+
+
 def _outliers(problem: Problem, found: Selection, among: Mask) -> Mask:
     off = np.linalg.norm(problem.residuals(found.fit.w_T), axis=1)
-    return np.asarray(among & (off > np.sqrt(chi_square_gate(problem.dof))))
+    return np.asarray(among & (off > _edge_limit(problem)))
 
 
 def _swap(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
@@ -312,9 +313,7 @@ def _misfits(problem: Problem, found: Selection, candidate: Mask) -> Mask:
     if found.fit.test.passed:
         return np.zeros_like(candidate)
     scale = max(1.0, noise_scale(problem, found.kept, found.fit.w_T))
-    return np.asarray(
-        found.kept & candidate & (found.innovation_sigma > np.sqrt(chi_square_gate(problem.dof)) * scale)
-    )
+    return np.asarray(found.kept & candidate & (found.innovation_sigma > _edge_limit(problem) * scale))
 
 
 def reasons(
@@ -326,7 +325,7 @@ def reasons(
     deviations of ``noise`` times the stated ones. Where these are others, the reason says so.
     """
     whose = "" if noise == 1 else f"each {noise:.2g} of a stated one, as the loops show"
-    rejected, limit = np.flatnonzero(~kept), np.sqrt(chi_square_gate(problem.dof))
+    rejected, limit = np.flatnonzero(~kept), _edge_limit(problem)
     i, j = problem.i[rejected], problem.j[rejected]
     off = se3.log(se3.inverse(problem.ij_T[rejected]) @ se3.inverse(w_T[i]) @ w_T[j])
     lengths, degrees = np.linalg.norm(off[:, 3:], axis=1), np.degrees(np.linalg.norm(off[:, :3], axis=1))

@@ -1,4 +1,4 @@
-"""The place of the GPS antenna on the body: what was told of it, and what a map has estimated."""
+"""The place of the GPS antenna on the body: what was stated of it, and what a map has estimated."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> str:
     """Return a line where an antenna may lie away from the body's origin, where it is assumed, unseen.
 
     At one heading its place moves the whole map, and nothing shows it. The line is empty for fixes that are
-    coarser than a vehicle is large, and for an antenna that is estimated. The place is one that nobody told.
+    coarser than a vehicle is large, and for an antenna that is estimated. Its place is not stated.
     """
     measured = bundle.optimum.problem.measurements
     seen = tested.errors is not None and "position offset" in tested.errors.coefficients
@@ -61,7 +61,7 @@ def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> str:
 
 
 def antenna_height_note(bundle: Bundle) -> str:
-    """Return a note where the height of the antenna is uncertain because nobody told it; empty elsewhere."""
+    """Return a note where the height of the antenna is uncertain as nobody stated it; empty elsewhere."""
     measured = bundle.optimum.problem.measurements
     if not measured.positions or measured.antenna_up_std_m <= measured.antenna_std_m:
         return ""
@@ -74,7 +74,7 @@ def antenna_height_note(bundle: Bundle) -> str:
 def refusal_of_antenna(bundle: Bundle) -> str:
     """Return why a place that was free, in ``bundle``, is not to be taken; empty where it is.
 
-    As for the numbers of a lens, the flight must tell more about it than was told: the variance is below half
+    As for the numbers of a lens, the flight must tell more of it than was known: its variance is below half
     of the prior's, forward and left. Upward it is one with the height of the ground. A place outside the
     vehicle has another cause, such as a delay.
     """

@@ -27,7 +27,7 @@ def held_mount_covariance(
     the measured lean, whose square, less that of its noise, determines the size. The second moment of the
     mount's share is the covariance. Accelerometer and attitude have different zeros but one camera: the mount
     is off by no more than either of them allows, by its lean and its noise. The covariance is zero where no
-    instrument measures which way is up, and for a mount that is told to be exact, unless all instruments lean
+    instrument measures which way is up, and for a mount that is stated as exact, unless all instruments lean
     significantly.
     """
     seen = list[tuple[Array, float]]()

@@ -1,4 +1,4 @@
-"""The lens that a map has estimated, beside what was told of it."""
+"""The lens that a map has estimated, beside the stated one."""
 
 from __future__ import annotations
 

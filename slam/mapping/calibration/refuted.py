@@ -1,9 +1,9 @@
-"""Calibrations that are held as told or assumed, and that the pictures refute: the lens, and the antenna.
+"""Calibrations that are held as stated or assumed, and that the pictures refute: the lens, and the antenna.
 
 A refuted calibration is freed: the flight is mapped again with it as a variable. It stays held where the
 flight does not tell it from the others, because then another cause explains the same residuals.
 
-A lens that is told with an uncertainty is a variable already, but within what is told. It is refuted where
+A lens that is stated with an uncertainty is a variable already, but within that. It is refuted where
 the evidence of a wider prior is very strong (`backend.bundle.lens_evidence`).
 """
 
@@ -43,7 +43,7 @@ flight in twenty with a right lens is refined once more."""
 
 @dataclass(frozen=True)
 class Refuted:
-    """A calibration that the map has as a variable because the pictures refute what is told of it."""
+    """A calibration that the map has as a variable because the pictures refute what is stated of it."""
 
     what: Held
     errors: SystematicErrors | None
@@ -52,13 +52,12 @@ class Refuted:
 
 @dataclass(frozen=True)
 class Freed:
-    """The instruments as told, after the refuted calibrations are freed."""
+    """The instruments as stated, after the refuted calibrations are freed."""
 
     camera: Camera
     gps: Gps | None
     refuted: tuple[Refuted, ...] = ()
-    """The calibrations that are freed. A lens of another model that was told as uncertain is not among them.
-    """
+    """The calibrations that are freed, without a lens of another model that was stated as uncertain."""
     reason: str = ""
     """Why a refuted antenna is held all the same; empty where none is."""
     doubted_lens: str = ""
@@ -132,10 +131,10 @@ def is_held_lens_suspect(bundle: Bundle, tested: ErrorTest) -> bool:
 
 
 def is_stated_lens_doubted(camera: Camera, map_: Map) -> bool:
-    """Return whether a map contradicts what is told of its lens, or positions that its lens may have bent.
+    """Return whether a map contradicts the stated lens, or positions that its lens may have bent.
 
     The evidence of a wider prior, extrapolated from that one, is then the larger. The distance from what
-    is told does not show it: what is told as certain pulls the estimate towards itself.
+    is stated does not show it: what is stated as certain pulls the estimate towards itself.
     """
     if map_.stated_accuracy:
         return True
@@ -148,7 +147,7 @@ def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, str]:
     """Return ``camera`` with its lens known as well as the evidence of a ``trial`` says, else as it is.
 
     The trial has the widest of the priors, that of `as_assumed`. Where its focal length is odd, the lens
-    stays as told, and the second result is a warning.
+    stays as stated, and the second result is a warning.
     """
     if trial.bundle is None or trial.bundle.lens is None or trial.camera.lens != camera.lens:
         return camera, ""
@@ -162,7 +161,7 @@ def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, str]:
 
 
 def _priors(camera: Camera) -> tuple[Camera, ...]:
-    """Return the lens as told, the narrowest of the priors, and as wider ones."""
+    """Return the lens as stated, the narrowest of the priors, and as wider ones."""
     return camera, as_nominal(camera), as_assumed(camera)
 
 
@@ -192,7 +191,7 @@ class OddFocal:
     std_ratio: float
     """Relative standard deviation of the widest prior."""
     is_assumed: bool
-    """Whether no better one than an assumed one was told."""
+    """Whether the stated one is no better than an assumed one."""
     is_plausible: bool
     """Whether a lens may have the estimated one."""
     by_positions: bool
@@ -238,12 +237,12 @@ class OddFocal:
 
 
 def focal_held(camera: Camera) -> Camera:
-    """Return ``camera`` with the lens that was told before any flight, and its focal length held."""
+    """Return ``camera`` with the lens that was stated before any flight, and its focal length held."""
     return replace(as_nominal(camera.stated or camera), focal_std_ratio=0.0)
 
 
 def with_lens_of(camera: Camera, found: Camera) -> Camera:
-    """Return ``camera`` with the lens that was ``found``, and what was told of it before any flight."""
+    """Return ``camera`` with the lens that was ``found``, and what was stated of it before any flight."""
     return replace(
         camera,
         focal_px=found.focal_px,

@@ -77,7 +77,7 @@ class FixComparison:
         the others; ``covariances`` (m, 3, 3) are those of the antenna at the poses, in the axes of the world.
         Where one is unknown (NaN), so is the deviation of a fix at it.
 
-        An antenna whose place nobody told moves the map as a whole at one heading. At another heading it
+        An antenna whose place nobody stated moves the map as a whole at one heading. At another heading it
         differs from that as the attitude does from those of the fixes that the map uses.
         """
         std_m = np.zeros((len(unused), 3))

@@ -40,7 +40,7 @@ class Fixes:
     antenna_std_m: float = 0.0
     """Its standard deviation along each axis."""
     antenna_assumed: bool = False
-    """Whether it is at the body's origin because nobody told its place."""
+    """Whether it is at the body's origin because no place is stated."""
     stds_m: Array | None = None
     """(n, 3) standard deviations of each fix where they differ; ``std_m`` is their median then."""
 
@@ -51,15 +51,16 @@ class Fixes:
 
     @property
     def assumes_antenna_place(self) -> bool:
-        """Whether the antenna is held where nobody told that it is."""
+        """Whether the antenna is held at a place that nobody stated."""
         return self.antenna_std_m == 0 and self.antenna_assumed
 
     @property
     def antenna_up_std_m(self) -> float:
         """Standard deviation of its height on the body.
 
-        Along x and y an untold antenna is held unless the pictures refute it. Its height moves all cameras
-        and the ground together, which no residual shows; where fixes are exact, it is most of their error.
+        Along x and y an antenna without a stated place is held unless the pictures refute it. Its height
+        moves all cameras and the ground together, which no residual shows; where fixes are exact, it is most
+        of their error.
         """
         if self.assumes_antenna_place and self.std_m[2] < NOMINAL_ANTENNA_STD_M:
             return NOMINAL_ANTENNA_STD_M

@@ -280,7 +280,7 @@ def _refuted_lens(context: Context, map_: Map) -> str:
 
 
 def _refuted_antenna(context: Context, map_: Map) -> str:
-    """Report an antenna in whose told or assumed place the map has an estimated one."""
+    """Report an antenna in whose stated or assumed place the map has an estimated one."""
     place = antenna_place(map_.bundle)
     errors = next((refuted.errors for refuted in context.refuted if refuted.what == "antenna"), None)
     if errors is None or place is None:
@@ -290,7 +290,7 @@ def _refuted_antenna(context: Context, map_: Map) -> str:
 
 
 def _antenna_is_stated(flight: Flight) -> bool:
-    """Return whether a place of the antenna is told, so that a map may not contradict it without a word in
+    """Return whether a place of the antenna is stated, so that a map may not contradict it without a word in
     the status; the body's origin is assumed."""
     return flight.gps is not None and not flight.gps.antenna_assumed
 

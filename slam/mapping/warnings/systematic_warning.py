@@ -67,9 +67,9 @@ def refuted_lens_warning(
 
 
 def stated_lens_warning(stated: Camera, map_: Map, camera_file: str) -> str:
-    """Return the warning about a lens whose told numbers the evidence of a map refutes.
+    """Return the warning about a lens whose stated numbers the evidence of a map refutes.
 
-    It names the number that is farthest from what was told of it, in standard deviations.
+    It names the number that is farthest from the stated one, in standard deviations.
     """
     declared, estimate = _farthest_number(stated, map_)
     if not is_uncertain(pinhole_model(stated)):
@@ -86,7 +86,7 @@ def stated_lens_warning(stated: Camera, map_: Map, camera_file: str) -> str:
 
 def _farthest_number(stated: Camera, map_: Map) -> tuple[str, str]:
     """Return the stated number of the lens that is farthest from the map's, and the map's."""
-    # A number that was held was told as certain by nobody.
+    # A number that was held was stated as certain by nobody.
     model, lens = pinhole_model(as_nominal(stated)), None if map_.bundle is None else map_.bundle.lens
     numbers, std = prior_calibration(model), np.sqrt(np.diag(prior_covariance(model)))
     focal_px = np.mean(numbers[FOCAL])
@@ -115,7 +115,7 @@ def _farthest_number(stated: Camera, map_: Map) -> tuple[str, str]:
 def refuted_antenna_warning(
     found: SystematicErrors, place: AntennaPlace, camera: Camera, height_m: float, is_stated: bool
 ) -> str:
-    """Return the warning about an antenna whose told or assumed place the map has replaced by ``place``."""
+    """Return the warning about an antenna whose stated or assumed place the map has replaced by ``place``."""
     axes = zip(("forward", "left"), place.place_m, place.std_m, strict=False)
     here = ", ".join(f"{axis} {at:+.2f} ± {std:.1g} m" for axis, at, std in axes)
     held = "where T_BS of gps0/sensor.yaml tells" if is_stated else "at the body's origin, as assumed"

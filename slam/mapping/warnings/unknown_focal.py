@@ -1,4 +1,4 @@
-"""A focal length of which nothing is told, and which the flight does not tell well either."""
+"""A focal length that is not stated, and which the flight does not tell well either."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def unknown_focal_warning(flight: Flight, map_: Map) -> str:
     """Return a reason to doubt heights where the focal length is known worse than that of a common tag.
 
     An estimate from pictures of ground that is nearly flat is weak, and relief displaces it. The result is
-    empty where a focal length is told, if only by a tag.
+    empty where a focal length is stated, if only by a tag.
     """
     camera = flight.camera
     if camera is None or camera.focal_std_ratio < UNKNOWN_FOCAL_STD_RATIO:

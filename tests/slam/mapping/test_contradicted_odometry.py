@@ -23,8 +23,8 @@ from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.obstacles import no_masks
 from slam.mapping.stages import close_loops, odometry, track
+from tests.slam.mapping.exact_flight import registration
 from tests.slam.mapping.made_map import CAMERA, made_map
-from tests.slam.mapping.test_lift_edges import registration
 from tests.slam.small_flight import flown
 
 N, STEP, OFF_M = 24, 8, 0.4

@@ -26,8 +26,8 @@ from slam.mapping.part_measurements import refine_part
 from slam.mapping.refine import refine_map
 from slam.mapping.setup import Setup
 from slam.mapping.solve_pose_graph import solve_pose_graph
+from tests.slam.mapping.exact_flight import registration, seen, setup_of, truth
 from tests.slam.mapping.made_map import made_map
-from tests.slam.mapping.test_lift_edges import registration, seen, setup_of, truth
 
 PARTS = [(0, 1), (1, 2), (3, 4), (4, 5), (5, 6), (6, 7), (3, 5), (8, 9), (9, 10), (10, 11)]
 """Three keyframes, five, four."""
