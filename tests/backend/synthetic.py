@@ -105,3 +105,18 @@ def graph(seed: int, dimension: int, n: int = 40, noise: float = 1.0, poses: boo
     ij_T = se3.inverse(truth[i]) @ truth[j] @ error
     start = truth if poses else np.full_like(truth, np.nan)
     return PoseGraph(dimension, np.arange(n), start, i, j, ij_T, information, np.zeros(n, dtype=bool))
+
+
+def unplaced_graph(i: np.ndarray, j: np.ndarray, ij_T: np.ndarray, std: np.ndarray) -> PoseGraph:
+    """A graph without poses, of edges (m,) with the transforms (m, 4, 4) and one deviation (3,) or (6,)."""
+    n = int(max(i.max(), j.max())) + 1
+    information = np.tile(np.diag(std**-2.0), (len(i), 1, 1))
+    poses, fixed = np.full((n, 4, 4), np.nan), np.zeros(n, dtype=bool)
+    return PoseGraph(2 if len(std) == 3 else 3, np.arange(n), poses, i, j, ij_T, information, fixed)
+
+
+def planar_chain(n: int) -> PoseGraph:
+    """A graph without poses: a straight path of n poses, 1 m apart."""
+    step = np.tile(np.eye(4), (n - 1, 1, 1))
+    step[:, 0, 3] = 1.0
+    return unplaced_graph(np.arange(n - 1), np.arange(1, n), step, np.array([0.05, 0.05, 0.01]))

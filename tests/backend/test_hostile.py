@@ -85,15 +85,9 @@ def test_every_bad_graph_is_solved_or_refused_in_one_line():
 
 CHAIN = """
 import time
-import numpy as np
 from backend.pose_graph.solve import solve_pose_graph
-from backend.pose_graph.graph import PoseGraph
-n = 20_000
-step = np.tile(np.eye(4), (n - 1, 1, 1))
-step[:, 0, 3] = 1.0
-information = np.tile(np.diag([400.0, 400, 1e4]), (n - 1, 1, 1))
-graph = PoseGraph(2, np.arange(n), np.full((n, 4, 4), np.nan), np.arange(n - 1), np.arange(1, n), step,
-                  information, np.zeros(n, dtype=bool))
+from tests.backend.synthetic import planar_chain
+graph = planar_chain(20_000)
 print("begin", flush=True)
 used_s = -time.process_time()
 try:

@@ -8,34 +8,28 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.pose_graph.chi_square import SIGNIFICANCE
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import log_odds
 from backend.pose_graph.selection.evidence import log_unit_volumes, odometry_log_odds
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import noise_scale
+from backend.pose_graph.selection.rival_loops import LEAST_LOG_ODDS, Rivals
 from backend.quantiles import binomial_tail
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
-_COMMON_CAUSE = -float(np.log(SIGNIFICANCE))
+_COMMON_CAUSE = LEAST_LOG_ODDS
 """Improbability (nats) that a floor repeats, so that rows of loops are false together."""
 
 
 @dataclass(frozen=True)
-class Rivals:
-    """Rejected edges that agree with each other, and kept edges that contradict them: one side is false."""
+class MovedRivals(Rivals):
+    """Rivals, and how far the poses behind the edges would move if the rejected ones are true."""
 
-    rejected: Index
-    """(r,) numbers of the rejected edges."""
-    against: Index
-    """(k,) numbers of the kept edges that are false if the rejected ones are true."""
-    log_odds: float
-    """Log odds (nats) of the kept edges against the rejected ones."""
     length: float
-    """Distance by which the poses behind the edges would move, in the unit of the graph."""
+    """Distance in the unit of the graph."""
     degrees: float
     """Angle by which they would turn."""
 

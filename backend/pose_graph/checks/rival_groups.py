@@ -25,7 +25,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from backend import se3
-from backend.pose_graph.checks.improbability import Improbability, Rivals
+from backend.pose_graph.checks.improbability import Improbability, MovedRivals
 from backend.pose_graph.checks.rival_maps import rival_maps
 from backend.pose_graph.checks.solved_parts import posterior_samples, solved_parts
 from backend.pose_graph.problem import Problem
@@ -61,7 +61,9 @@ def rival_groups(problem: Problem, solution: Solution, deadline: float = math.in
     return sentences
 
 
-def doubtful_rivals(problem: Problem, kept: Mask, w_T: Array, deadline: float = math.inf) -> Rivals | None:
+def doubtful_rivals(
+    problem: Problem, kept: Mask, w_T: Array, deadline: float = math.inf
+) -> MovedRivals | None:
     """Return the rejected group of the lowest odds against it; None if all odds are high enough."""
     rejected = np.flatnonzero(~kept)
     samples = posterior_samples(problem, kept, w_T) if len(rejected) and kept.any() else None
@@ -138,7 +140,7 @@ def _over_one_step(problem: Problem, group: Index, improbability: Improbability)
 
 def _contradicted(
     problem: Problem, group: tuple[int, Index], w_T: Array, improbability: Improbability
-) -> Rivals:
+) -> MovedRivals:
     """Return a group with the cheapest kept edges that must be false if it is true."""
     edge, edges = group
     low, high = np.minimum(problem.i, problem.j), np.maximum(problem.i, problem.j)
@@ -148,7 +150,7 @@ def _contradicted(
     value = np.where(problem.trusted, improbability.of_edge, np.log(2))[kept][first]
     cut = kept[_minimum_cut(problem.count, low[kept], high[kept], row, value, low[edges], high[edges])]
     length, degrees = _moved(problem, edge, np.unique(high[edges]), w_T)
-    return Rivals(edges, cut, improbability.log_odds(cut, edges), length, degrees)
+    return MovedRivals(edges, cut, improbability.log_odds(cut, edges), length, degrees)
 
 
 def _minimum_cut(
@@ -197,9 +199,9 @@ def _moved(problem: Problem, edge: int, poses: Index, w_T: Array) -> tuple[float
     return float(np.sqrt((off**2).sum(axis=1).mean())), float(np.degrees(angle))
 
 
-def _sentence(problem: Problem, found: Rivals) -> str:
-    loops = found.against[~problem.trusted[found.against]]
-    steps = found.against[problem.trusted[found.against]]
+def _sentence(problem: Problem, found: MovedRivals) -> str:
+    loops = found.kept[~problem.trusted[found.kept]]
+    steps = found.kept[problem.trusted[found.kept]]
     against = " and ".join(
         described(problem, edges, *kinds)
         for edges, kinds in (

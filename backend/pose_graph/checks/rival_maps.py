@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.errors import BackendError
-from backend.pose_graph.checks.improbability import Improbability, Rivals
+from backend.pose_graph.checks.improbability import Improbability, MovedRivals
 from backend.pose_graph.checks.solved_parts import gauge_fixed_part
 from backend.pose_graph.chi_square import ChiSquare, chi_square
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, GraphFit, least_squares_fit
@@ -33,22 +33,22 @@ _MOST_MAPS = 3
 
 
 def rival_maps(
-    improbability: Improbability, groups: Sequence[Rivals], deadline: float = math.inf
-) -> list[Rivals]:
+    improbability: Improbability, groups: Sequence[MovedRivals], deadline: float = math.inf
+) -> list[MovedRivals]:
     """Return the rejected and the kept loops of the maps that groups of at least two rejected loops make.
 
     The groups are those of `rival_groups`. Only those are solved whose loops alone are no clear minority, and
     none after the ``deadline`` on the clock of ``time.monotonic``.
     """
     loops = ~improbability.problem.trusted
-    sides = [(each.rejected[loops[each.rejected]], each.against[loops[each.against]]) for each in groups]
+    sides = [(each.rejected[loops[each.rejected]], each.kept[loops[each.kept]]) for each in groups]
     likely = [
         group
         for group, against in sides
         if len(group) > 1 and improbability.log_odds_of_loops(against, group) < LEAST_LOG_ODDS
     ]
     gauge_fixed = gauge_fixed_part(improbability.problem, improbability.w_T, deadline)
-    found: list[Rivals] = []
+    found: list[MovedRivals] = []
     for group in sorted(likely, key=len, reverse=True)[:_MOST_MAPS]:
         if gauge_fixed.options.out_of_time():
             break
@@ -57,7 +57,7 @@ def rival_maps(
     return found
 
 
-def _rivals(gauge_fixed: GaugeFixedProblem, improbability: Improbability, group: Index) -> Rivals | None:
+def _rivals(gauge_fixed: GaugeFixedProblem, improbability: Improbability, group: Index) -> MovedRivals | None:
     """Return what the map of odometry and a group of loops contradicts; None if there is no such map."""
     problem, loops = improbability.problem, ~improbability.problem.trusted
     try:
@@ -76,7 +76,7 @@ def _rivals(gauge_fixed: GaugeFixedProblem, improbability: Improbability, group:
     scale = min(noise_scale(problem, first_kept, first_w_T), 1.0)
     strain = (_excess(fit.test) - _excess(first_test)) / 2 / scale**2
     log_odds = improbability.log_odds_of_loops(lost, gained) + strain
-    return Rivals(gained, lost, log_odds, *_apart(first_w_T, fit.w_T, np.union1d(gained, lost), problem))
+    return MovedRivals(gained, lost, log_odds, *_apart(first_w_T, fit.w_T, np.union1d(gained, lost), problem))
 
 
 def _excess(test: ChiSquare) -> float:

@@ -28,18 +28,18 @@ LEAST_LOG_ODDS = -float(np.log(SIGNIFICANCE))
 
 
 @dataclass(frozen=True)
-class RivalLoops:
-    """Rejected edges, and the kept ones that would have to be false in their place."""
+class Rivals:
+    """Rejected edges that agree with each other, and kept edges that contradict them: one side is false."""
 
     rejected: Index
-    """Loops with those of their rows, and edges of odometry."""
+    """(r,) numbers of the rejected edges, loops with those of their rows."""
     kept: Index
-    """Loops, with those of their rows."""
+    """(k,) numbers of the kept edges that are false if the rejected ones are true."""
     log_odds: float
     """Log odds (nats) of the kept edges against the rejected ones, each row of loops counted once."""
 
 
-def rival_loops(gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array) -> RivalLoops | None:
+def rival_loops(gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array) -> Rivals | None:
     """Return the most probable exchange of ``kept`` (m,) for rejected loops; None if it is improbable.
 
     ``w_T`` (n, 4, 4) is the solution of the kept edges.
@@ -62,10 +62,10 @@ def rival_loops(gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array) -> Rival
         return None
     gained, lost = other.kept & ~few, few & ~other.kept
     rejected, false = (which | (loops & np.isin(rows, rows[which & loops])) for which in (gained, lost))
-    return RivalLoops(np.flatnonzero(rejected & ~kept), np.flatnonzero(false & kept), log_odds)
+    return Rivals(np.flatnonzero(rejected & ~kept), np.flatnonzero(false & kept), log_odds)
 
 
-def rivals_sentence(problem: Problem, found: RivalLoops) -> str:
+def rivals_sentence(problem: Problem, found: Rivals) -> str:
     """Return what contradicts what, how sure the answer is, and what to do."""
     odds = np.exp(max(found.log_odds, 0.0))
     rejected = described(problem, found.rejected, "rejected edge", "rejected edges")

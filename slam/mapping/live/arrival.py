@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted, either
 from slam.core.errors import InputError
-from slam.core.flight import STREAMS, Flight
+from slam.core.flight import STREAMS, Flight, Image
 from slam.core.progress import Progress, silent
 from slam.mapping.live.mapper import LiveMapper
 
@@ -79,20 +79,13 @@ def follow_flight(
         begin = time.perf_counter()
         flight = followed.state(read)
         pause_s = max(_POLL_S, time.perf_counter() - begin)
-        rows = [] if flight is None else followed.new_rows(flight)
         if flight is not None:
             mapper.refresh(flight)
-        for row in rows:
-            if flight is None or flight.frames is None or is_ended():
-                break
-            image = flight.frames.load(row)
-            if image is None and row == rows[-1] and begin - newest_s < idle_s:
-                break  # it may still be written
-            # What was there at the beginning is no reason to drop pictures.
-            mapper.add(image, float(flight.frames.stamps_s[row]), wait=behind)
-            followed.given_ns.append(int(_stamps_ns(flight)[row]))
-            newest_s = time.perf_counter()
-            progress("live", len(followed.given_ns), 0)
+            for stamp_s, image in followed.new_pictures(flight, begin - newest_s < idle_s, is_ended):
+                # What was there at the beginning is no reason to drop pictures.
+                mapper.add(image, stamp_s, wait=behind)
+                newest_s = time.perf_counter()
+                progress("live", len(followed.given_ns), 0)
         behind = False
         if time.perf_counter() - newest_s > idle_s:
             break
@@ -131,7 +124,27 @@ class _Followed:
         self.newest = flight
         return flight
 
-    def new_rows(self, flight: Flight) -> list[int]:
+    def new_pictures(
+        self, flight: Flight, is_growing: bool, is_ended: Callable[[], bool]
+    ) -> Iterator[tuple[float, Image | None]]:
+        """Yield time and picture of the rows after the last one that was mapped, until the flight is ended.
+
+        Where the picture of the last row cannot be read and the flight ``is_growing``, it may still be
+        written, and waits for the next state.
+        """
+        if flight.frames is None:
+            return
+        rows, stamps_ns = self._new_rows(flight), _stamps_ns(flight)
+        for row in rows:
+            if is_ended():
+                return
+            image = flight.frames.load(row)
+            if image is None and row == rows[-1] and is_growing:
+                return
+            self.given_ns.append(int(stamps_ns[row]))
+            yield float(flight.frames.stamps_s[row]), image
+
+    def _new_rows(self, flight: Flight) -> list[int]:
         """Return the rows of pictures after the last one that was mapped, and count those that came late."""
         stamps_ns, given = _stamps_ns(flight), np.array(self.given_ns, dtype=np.int64)
         if not len(given):

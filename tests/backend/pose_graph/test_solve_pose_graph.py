@@ -61,14 +61,8 @@ def test_a_chain_of_100_000_poses_in_a_process_of_its_own():
     code = """
 import numpy as np
 from backend.pose_graph.solve import solve_pose_graph
-from backend.pose_graph.graph import PoseGraph
-n = 100_000
-step = np.tile(np.eye(4), (n - 1, 1, 1))
-step[:, 0, 3] = 1.0
-information = np.tile(np.diag([400.0, 400, 1e4]), (n - 1, 1, 1))
-graph = PoseGraph(2, np.arange(n), np.full((n, 4, 4), np.nan), np.arange(n - 1), np.arange(1, n), step,
-                  information, np.zeros(n, dtype=bool))
-s = solve_pose_graph(graph)
+from tests.backend.synthetic import planar_chain
+s = solve_pose_graph(planar_chain(100_000))
 assert s.converged and s.error < 1e-3, s.status
 assert np.isfinite(s.covariances[1]).all()
 print("solved")

@@ -9,11 +9,12 @@ import pytest
 
 from backend import se3
 from backend.pose_graph.checks import rival_groups
-from backend.pose_graph.checks.improbability import Rivals
+from backend.pose_graph.checks.improbability import MovedRivals
 from backend.pose_graph.checks.rival_maps import rival_maps
 from backend.pose_graph.gauge_fixed_problem import GraphFit, least_squares_fit
 from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.solve import solve_pose_graph
+from tests.backend.synthetic import unplaced_graph
 
 COUNT = 60
 STD = np.array([0.05, 0.05, 0.01])
@@ -40,17 +41,7 @@ def with_false_loops(
     ends = w_T[j].copy()
     ends[is_false] = moved @ ends[is_false]
     ij_T = se3.inverse(w_T[i]) @ ends @ se3.from_planar(rng.normal(size=(len(i), 3)) * STD)
-    graph = PoseGraph(
-        dimension=2,
-        ids=np.arange(COUNT),
-        poses=np.full((COUNT, 4, 4), np.nan),
-        i=i,
-        j=j,
-        ij_T=ij_T,
-        information=np.tile(np.diag(STD**-2.0), (len(i), 1, 1)),
-        fixed=np.zeros(COUNT, dtype=bool),
-    )
-    return graph, is_false
+    return unplaced_graph(i, j, ij_T, STD), is_false
 
 
 def shift(length: float) -> np.ndarray:
@@ -76,9 +67,9 @@ def test_a_second_map_of_few_false_loops_is_not_named(
     false: int, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Odometry bends until it fits them, but most loops and the strain are against that map."""
-    maps: list[Rivals] = []
+    maps: list[MovedRivals] = []
 
-    def noted(*given: Any) -> list[Rivals]:
+    def noted(*given: Any) -> list[MovedRivals]:
         found = rival_maps(*given)
         maps.extend(found)
         return found

@@ -12,6 +12,7 @@ from backend import se3
 from backend.g2o import read_g2o, write_g2o
 from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.solve import solve_pose_graph
+from tests.backend.synthetic import unplaced_graph
 from tests.benchmarks.generated_graphs import STD
 
 POSES, LOOPS = 60, 40
@@ -32,16 +33,7 @@ def graph_of(dimension: int, false: int = 0, seed: int = 0) -> PoseGraph:
     i, j = np.vstack([np.column_stack([np.arange(POSES - 1), np.arange(1, POSES)]), ends]).T
     ij_T = se3.inverse(w_T[i]) @ w_T[j] @ make(std * rng.standard_normal((len(i), d)))
     ij_T[POSES - 1 + LOOPS :] = make(rng.normal(0, 2, (false, d)))
-    return PoseGraph(
-        dimension=2 if dimension == 2 else 3,
-        ids=np.arange(POSES),
-        poses=np.full((POSES, 4, 4), np.nan),
-        i=i,
-        j=j,
-        ij_T=ij_T,
-        information=np.tile(np.diag(std**-2.0), (len(i), 1, 1)),
-        fixed=np.zeros(POSES, dtype=bool),
-    )
+    return unplaced_graph(i, j, ij_T, std)
 
 
 def row_of(graph: PoseGraph) -> int:

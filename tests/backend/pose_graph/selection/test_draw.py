@@ -12,6 +12,7 @@ from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.selection.draw import draw_loops
 from backend.pose_graph.solve import solve_pose_graph
+from tests.backend.synthetic import unplaced_graph
 from tests.benchmarks.generated_graphs import STD, Scene, make
 
 
@@ -28,17 +29,7 @@ def dense(poses: int, loops: int, seed: int) -> tuple[PoseGraph, np.ndarray, np.
     false = (np.arange(len(i)) >= poses - 1) & (rng.random(len(i)) < 0.5)
     wrong = rng.uniform(-1, 1, (np.count_nonzero(false), 3)) * (10, 10, np.pi)
     ij_T[false] = se3.from_planar(wrong)
-    graph = PoseGraph(
-        dimension=2,
-        ids=np.arange(poses),
-        poses=np.full((poses, 4, 4), np.nan),
-        i=i,
-        j=j,
-        ij_T=ij_T,
-        information=np.tile(np.diag(STD**-2.0), (len(i), 1, 1)),
-        fixed=np.zeros(poses, dtype=bool),
-    )
-    return graph, w_T, false
+    return unplaced_graph(i, j, ij_T, STD), w_T, false
 
 
 def test_the_draw_holds_odometry_and_each_pair_of_places():

@@ -13,9 +13,6 @@ from backports import zstd
 
 from frontend.camera import NADIR_B_T_C
 from slam.core.errors import InputError
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.choice import Request
-from slam.io.recordings.formats import open_recording
 from slam.io.recordings.foxglove.protobuf import ProtobufTypes
 from tests.slam.io.recordings.foxglove.made_mcap import (
     BYTES,
@@ -39,6 +36,7 @@ from tests.slam.io.recordings.foxglove.made_mcap import (
     schema,
     varint,
 )
+from tests.slam.io.recordings.read_recording import read
 
 START_S = 1_700_000_000
 START_NS = START_S * 10**9
@@ -89,10 +87,6 @@ def a_flight() -> list[tuple]:
         fix = {"timestamp": stamp(k), "latitude": latitude, "longitude": latitude / 10, "altitude": 99.5}
         rows.append(("/fix", "LocationFix", START_NS + k, fix))
     return rows
-
-
-def read(path, **topics: str):
-    return flight_of(open_recording(path), Request(topics))
 
 
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd", "none"])

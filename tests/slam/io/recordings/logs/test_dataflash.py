@@ -12,9 +12,7 @@ import pytest
 from slam.core.errors import InputError
 from slam.core.rotations import rotation_of
 from slam.io.flight_folder import read_flight, write_flight
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.choice import Request
-from slam.io.recordings.formats import open_recording
+from tests.slam.io.recordings.read_recording import read
 
 SAMPLES = Path(os.environ.get("SLAM_DATA", "")) / "recordings" / "ardupilot"
 measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA is not set")
@@ -43,10 +41,6 @@ def log(path: Path, messages: dict[str, tuple[str, str, list[tuple]]]) -> Path:
         parts += [b"\xa3\x95" + bytes([number]) + struct.pack(layout, *row) for row in rows]
     path.write_bytes(b"".join(parts))
     return path
-
-
-def read(path: Path, **topics: str):
-    return flight_of(open_recording(path), Request(topics))
 
 
 def imu_rows(count: int = 5, instance: int = 0) -> list[tuple]:

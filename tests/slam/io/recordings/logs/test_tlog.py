@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
 from slam.io.recordings.logs.mavlink import DECLARATIONS, checksum
+from tests.slam.io.recordings.read_recording import read
 
 SAMPLES = Path(os.environ.get("SLAM_DATA", "")) / "recordings" / "ardupilot"
 measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA is not set")
@@ -68,10 +67,6 @@ def attitude(seconds: float, roll: float = 0, pitch: float = 0, yaw: float = 0, 
 def log(path: Path, *packets: bytes, autopilot: int = ARDUPILOT) -> Path:
     path.write_bytes(b"".join([at(0, heartbeat(autopilot)), *packets]))
     return path
-
-
-def read(path: Path, **topics: str):
-    return flight_of(open_recording(path), Request(topics))
 
 
 def test_checksums_are_those_of_mavlink():

@@ -14,10 +14,8 @@ import yaml
 from slam.core.errors import InputError
 from slam.core.rotations import rotation_of
 from slam.io.flight_folder import read_flight, write_flight
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.choice import Request
-from slam.io.recordings.formats import open_recording
 from tests.slam.io.recordings.logs.made_ulog import log, message
+from tests.slam.io.recordings.read_recording import read
 
 IMU = "float[3] gyro_rad;float[3] accelerometer_m_s2;"
 SAMPLES = Path(os.environ.get("SLAM_DATA", "")) / "recordings" / "ulog"
@@ -27,10 +25,6 @@ measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA i
 def imu_rows(count: int = 5) -> list[tuple]:
     """Level and at rest in forward-right-down axes, turning right; 250 Hz."""
     return [(1_000_000 + 4000 * k, 0.5, 0.25, 0.125, 1.0, 2.0, -9.75) for k in range(count)]
-
-
-def read(path: Path, **topics: str):
-    return flight_of(open_recording(path), Request(topics))
 
 
 def test_forward_right_down_becomes_forward_left_up(tmp_path):

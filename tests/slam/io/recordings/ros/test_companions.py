@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.choice import Request
-from slam.io.recordings.formats import open_recording
+from tests.slam.io.recordings.read_recording import read
 from tests.slam.io.recordings.ros.made_bag import HALF, ROS1, Maker, at, ros1
 
 M = Maker(ROS1)
 COUNT = 5
 NORTH = (HALF, 0.0, 0.0, HALF)
 """Attitude of a level body whose nose points north, along the world's y."""
-
-
-def read(path: Path, **topics: str):
-    return flight_of(open_recording(path), Request(topics))
 
 
 def series(topic: str, frame: str, make, count: int = COUNT) -> list:

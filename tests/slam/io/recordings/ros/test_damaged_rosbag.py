@@ -13,9 +13,8 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slam.core.errors import InputError
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.formats import open_recording
 from slam.io.recordings.ros.bag_file import Bag
+from tests.slam.io.recordings.read_recording import read
 from tests.slam.io.recordings.ros.made_bag import (
     ROS1,
     ROS2,
@@ -32,10 +31,6 @@ SAMPLES = Path(os.environ.get("SLAM_DATA", "")) / "recordings"
 measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA is not set")
 M = Maker(ROS1)
 HALF = math.sqrt(0.5)
-
-
-def read(path: Path):
-    return flight_of(open_recording(path))
 
 
 def test_a_bag_without_metadata_is_read(tmp_path):

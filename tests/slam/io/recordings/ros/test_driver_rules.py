@@ -9,8 +9,9 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slam.core.errors import InputError
+from tests.slam.io.recordings.read_recording import read
 from tests.slam.io.recordings.ros.made_bag import Maker, at, picture, ros1, write
-from tests.slam.io.recordings.ros.test_companions import M, imus, read, reason, series
+from tests.slam.io.recordings.ros.test_companions import M, imus, reason, series
 
 FLOW = (
     "std_msgs/Header header\nuint32 integration_time_us\nfloat32 integrated_x\nfloat32 integrated_y\n"

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.choice import Request
-from slam.io.recordings.formats import open_recording
+from tests.slam.io.recordings.read_recording import read
 from tests.slam.io.recordings.ros.made_bag import HALF, START_NS, Maker, write
 
 STAMP = "uint64 timestamp\n"
@@ -51,10 +49,6 @@ def bag(path: Path, topic: str, *messages, mcap: bool = True) -> Path:
     return write(
         path, M, [(f"/fmu/out/{topic}", START_NS + 10**7 * k, m) for k, m in enumerate(messages)], mcap
     )
-
-
-def read(path: Path, **topics: str):
-    return flight_of(open_recording(path), Request(topics))
 
 
 @pytest.mark.parametrize("mcap", [False, True])

@@ -6,16 +6,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from slam.core.flight import Flight
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.choice import Request
-from slam.io.recordings.formats import open_recording
+from tests.slam.io.recordings.read_recording import read
 from tests.slam.io.recordings.ros.made_cameras import AHEAD, NADIR, MadeFlight, made_bag
 
 ASKEW = Rotation.from_euler("y", 20, degrees=True).as_matrix() @ NADIR
-
-
-def read(path, **topics) -> Flight:
-    return flight_of(open_recording(path), Request(topics))
 
 
 def taken(flight: Flight) -> str:

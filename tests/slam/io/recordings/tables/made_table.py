@@ -6,13 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from slam.core.flight import Flight
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.choice import Request
-from slam.io.recordings.formats import open_recording
-
-
-def read(path: Path, **topics: str) -> Flight:
-    return flight_of(open_recording(path), Request(topics))
 
 
 def table(path: Path, *lines: str) -> Path:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from tests.slam.io.recordings.tables.made_table import lines_with, read, table
+from tests.slam.io.recordings.read_recording import read
+from tests.slam.io.recordings.tables.made_table import lines_with, table
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ import pytest
 
 from slam.core.errors import InputError
 from slam.io.recordings.tables.layout import layout_of
-from tests.slam.io.recordings.tables.made_table import lines_with, read, table
+from tests.slam.io.recordings.read_recording import read
+from tests.slam.io.recordings.tables.made_table import lines_with, table
 
 POSITIONS = [f"{k}.5,51.{k},-0.25,100" for k in range(4)]
 

@@ -10,7 +10,8 @@ import pytest
 from slam.cli.source import open_flight
 from slam.core.errors import InputError
 from slam.core.progress import silent
-from tests.slam.io.recordings.tables.made_table import read, table
+from tests.slam.io.recordings.read_recording import read
+from tests.slam.io.recordings.tables.made_table import table
 from tests.slam.io.recordings.video.made_video import video
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from tests.slam.io.recordings.tables.made_table import read, table
+from tests.slam.io.recordings.read_recording import read
+from tests.slam.io.recordings.tables.made_table import table
 
 
 def pictures(folder):

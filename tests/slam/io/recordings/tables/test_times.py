@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from slam.core.errors import InputError
-from tests.slam.io.recordings.tables.made_table import read, table
+from tests.slam.io.recordings.read_recording import read
+from tests.slam.io.recordings.tables.made_table import table
 
 MAY_NS = 1_714_730_400 * 10**9
 """3 May 2024, 10:00 UTC."""

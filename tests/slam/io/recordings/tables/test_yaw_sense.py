@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from tests.slam.io.recordings.tables.made_table import lines_with, read, table
+from tests.slam.io.recordings.read_recording import read
+from tests.slam.io.recordings.tables.made_table import lines_with, table
 
 TIME_S = np.arange(0, 40, 0.2)
 YAW = 0.3 + np.radians(8) * TIME_S

@@ -9,16 +9,11 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.formats import open_recording
 from slam.io.recordings.video.mp4 import read_tracks
+from tests.slam.io.recordings.read_recording import read
 from tests.slam.io.recordings.video.made_video import CONTAINERS, box, grey_of, video
 
 RATE_HZ = 10.0
-
-
-def read(path: Path):
-    return flight_of(open_recording(path))
 
 
 def numbers_and_stamps(flight) -> list[tuple[int, float]]:

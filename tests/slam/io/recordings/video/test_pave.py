@@ -10,16 +10,11 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from slam.io.recordings.assemble import flight_of
-from slam.io.recordings.formats import open_recording
+from tests.slam.io.recordings.read_recording import read
 
 SAMPLE = Path(os.environ.get("SLAM_DATA", "")) / "recordings" / "ardrone" / "pave.bin"
 measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA is not set")
 KEY_PICTURE, FOLLOWING_PICTURE = 1, 3
-
-
-def read(path: Path):
-    return flight_of(open_recording(path))
 
 
 def packet(number: int, kind: int, codec: int = 4, payload: bytes = b"\0\0\0\1picture") -> bytes:

@@ -8,7 +8,8 @@ import pytest
 from slam.core.errors import InputError
 from slam.core.flight_info import describe
 from slam.io.recordings.video.subtitles import changed_rows, parse_subtitles
-from tests.slam.io.recordings.tables.made_table import lines_with, read
+from tests.slam.io.recordings.read_recording import read
+from tests.slam.io.recordings.tables.made_table import lines_with
 from tests.slam.io.recordings.video.made_video import video
 
 

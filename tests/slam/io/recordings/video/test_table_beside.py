@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.slam.io.recordings.tables.made_table import lines_with, read, table
+from tests.slam.io.recordings.read_recording import read
+from tests.slam.io.recordings.tables.made_table import lines_with, table
 from tests.slam.io.recordings.video.made_video import video
 
 AIRDATA = "time(millisecond),height_above_takeoff(meters),isVideo"
