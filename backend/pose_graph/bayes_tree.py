@@ -8,16 +8,16 @@ Sources: Takahashi, Fagan and Chen 1973; Kaess and Dellaert 2009 (Robotics and A
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dtrtri
 
 from backend.errors import GTSAM_ERRORS
 from backend.pose_graph.elimination import nested_dissection
+from backend.pose_graph.information_root import covariance_root, joint_root, marginal_root
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,11 @@ def bayes_tree(
     """
     try:
         linear = graph.linearize(values)
-        order = nested_dissection(linear) if values.size() > _DEEP else _certain_last(linear)
+        order = (
+            nested_dissection(linear)
+            if values.size() > _DEEP
+            else gtsam.Ordering.ColamdGaussianFactorGraph(linear)
+        )
         if not by_qr:
             try:
                 return linear.eliminateMultifrontal(order)
@@ -46,20 +50,6 @@ def bayes_tree(
         return None
 
 
-def _certain_last(linear: gtsam.GaussianFactorGraph) -> gtsam.Ordering:
-    """Return COLAMD's order of elimination with the variable that is measured best by itself as the root.
-
-    That is the pose of the gauge. The covariance of a clique follows from that of its parent. Along a chain,
-    errors of rounding grow on the way from uncertain poses to certain ones, after 150 poses up to a whole
-    covariance; on the way from the gauge they do not.
-    """
-    alone = [factor for factor in map(linear.at, range(linear.size())) if factor.size() == 1]
-    if not alone:
-        return gtsam.Ordering.ColamdGaussianFactorGraph(linear)
-    best = max(alone, key=lambda factor: float(np.abs(factor.jacobian()[0]).max(initial=0.0)))
-    return gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, list(best.keys()))
-
-
 @dataclass(frozen=True)
 class CliqueCovariance:
     """Joint covariance of a clique's variables."""
@@ -67,16 +57,21 @@ class CliqueCovariance:
     frontals: tuple[int, ...]
     """Variables eliminated in this clique: each is a frontal variable of one clique only."""
     rows: dict[int, range]
-    """Rows of each variable in ``matrix``."""
-    matrix: Array
+    """Rows of each variable in the roots."""
+    information_root: Array
+    covariance_root: Array
 
     def of(self, *keys: int) -> Array:
         """Return the joint covariance of some variables, in the order of ``keys``."""
-        at = np.array([row for key in keys for row in self.rows[key]], dtype=np.intp)
-        return np.asarray(self.matrix[at[:, None], at])
+        V = self.covariance_root[self.places(keys)]
+        return np.asarray(V @ V.T)
+
+    def places(self, keys: Sequence[int]) -> NDArray[np.intp]:
+        """Return the rows of some variables, in the order of ``keys``."""
+        return np.array([row for key in keys for row in self.rows[key]], dtype=np.intp)
 
 
-_ABOVE_ROOT = CliqueCovariance((), {}, np.zeros((0, 0)))
+_ABOVE_ROOT = CliqueCovariance((), {}, np.zeros((0, 0)), np.zeros((0, 0)))
 
 
 def clique_covariances(tree: gtsam.GaussianBayesTree, values: gtsam.Values) -> Iterator[CliqueCovariance]:
@@ -114,26 +109,14 @@ class _Clique:
         return _Clique(tuple(keys[:count]), tuple(keys[count:]), size, R, conditional.S())
 
     def covariance(self, parent: CliqueCovariance) -> CliqueCovariance:
-        """Return the covariance from that of the parent, which has the whole separator.
-
-        With B = -R^-1 S, cov(x, s) = B cov(s) and cov(x) = (R'R)^-1 + B cov(s) B'.
-        """
-        above = parent.of(*self.separator)
-        n = len(self.R)
-        root, singular = dtrtri(self.R)
-        if singular:
-            root = np.full_like(self.R, np.nan)
-        B = -root @ self.S
-        matrix = np.empty((n + len(above),) * 2)
-        matrix[n:, n:] = above
-        matrix[:n, n:] = B @ above
-        matrix[n:, :n] = matrix[:n, n:].T
-        matrix[:n, :n] = root @ root.T + matrix[:n, n:] @ B.T
+        """Return the covariance from that of the parent, which has the whole separator."""
+        above = marginal_root(parent.information_root, parent.places(self.separator))
+        W = joint_root(self.R, self.S, above)
         rows, end = {}, 0
         for key in (*self.frontals, *self.separator):
             begin, end = end, end + self.size[key]
             rows[key] = range(begin, end)
-        return CliqueCovariance(self.frontals, rows, matrix)
+        return CliqueCovariance(self.frontals, rows, W, covariance_root(W))
 
 
 def _children(tree: gtsam.GaussianBayesTree, values: gtsam.Values) -> dict[int | None, list[_Clique]]:
