@@ -85,10 +85,10 @@ def _messages(exported: ExportedMap, make: _Maker) -> Iterator[tuple[str, int, M
 
 
 def _fixes(exported: ExportedMap, covariances: Array, make: _Maker) -> list[Message]:
-    frames, origin = exported.keyframes, exported.estimate.origin
-    if origin is None:
+    frames = exported.keyframes
+    if exported.estimate.origin is None:
         return []
-    places = zip(*frames.geodetic(origin), strict=True)
+    places = zip(*exported.geodetic(frames), strict=True)
     return [
         make.fix(stamp_ns, place, covariances[k, :3, :3])
         for k, (stamp_ns, place) in enumerate(zip(frames.stamps_ns.tolist(), places, strict=True))

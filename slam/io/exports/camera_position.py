@@ -24,6 +24,7 @@ class CameraPosition:
     latitude_deg: float
     longitude_deg: float
     altitude_m: float
+    """NaN where none is known."""
     std_m: tuple[float, float, float] | None
     """Standard deviations of east, north, up; None if they are not known."""
 
@@ -43,10 +44,11 @@ class CameraPosition:
             GPS.GPSLatitude: _sexagesimal(self.latitude_deg),
             GPS.GPSLongitudeRef: text_value("W" if self.longitude_deg < 0 else "E"),
             GPS.GPSLongitude: _sexagesimal(self.longitude_deg),
-            GPS.GPSAltitudeRef: bytes_value(b"\1" if self.altitude_m < 0 else b"\0"),
-            GPS.GPSAltitude: _metres(abs(self.altitude_m)),
             GPS.GPSMapDatum: text_value("WGS-84"),
         }
+        if np.isfinite(self.altitude_m):
+            tags[GPS.GPSAltitudeRef] = bytes_value(b"\1" if self.altitude_m < 0 else b"\0")
+            tags[GPS.GPSAltitude] = _metres(abs(self.altitude_m))
         if self.std_m is not None:
             tags[GPS.GPSHPositioningError] = _metres(float(np.hypot(*self.std_m[:2])))
         return {int(tag): value for tag, value in tags.items()}

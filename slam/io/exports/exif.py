@@ -55,13 +55,12 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
 
 def _positions(exported: ExportedMap) -> dict[str, CameraPosition]:
     """Return the position of each placed photograph by its name."""
-    camera, origin = exported.estimate.camera, exported.estimate.origin
+    camera = exported.estimate.camera
     assert camera is not None
-    assert origin is not None
     cameras = exported.keyframes.of_sensor(camera.b_T_c)
     if len({*cameras.names}) < len(cameras):
         raise InputError("--to exif: two photographs of the map have one name")
-    places = zip(*cameras.geodetic(origin), strict=True)
+    places = zip(*exported.geodetic(cameras), strict=True)
     return {
         name: CameraPosition(
             float(latitude),

@@ -15,7 +15,7 @@ from backend.se3 import adjoint, inverse
 from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
-from slam.core.geodesy import GeoOrigin, geodetic_from_enu
+from slam.core.geodesy import geodetic_from_enu
 from slam.core.names import listed
 from slam.core.progress import Progress, silent
 
@@ -92,10 +92,6 @@ class Keyframes:
         change[:, :3, 3:] = change[:, 3:, :3] = R
         return np.asarray(change @ self.covariances @ change.transpose(0, 2, 1))
 
-    def geodetic(self, origin: GeoOrigin) -> tuple[Array, Array, Array]:
-        """Return latitudes [deg], longitudes [deg] and altitudes [m], each (n,)."""
-        return geodetic_from_enu(self.w_T_b[:, :3, 3], origin)
-
     @property
     def has_calendar_time(self) -> bool:
         """Whether the stamps count from 1970, and not from the start of a recorder."""
@@ -150,6 +146,22 @@ class ExportedMap:
             component=estimate.component[chosen],
         )
 
+    def geodetic(self, frames: Keyframes) -> tuple[Array, Array, Array]:
+        """Return latitudes [deg], longitudes [deg] and altitudes [m] of poses of the map, each (n,).
+
+        Altitudes are NaN where nothing tells how high the map lies. The map has a place on Earth.
+        """
+        assert self.estimate.origin is not None
+        latitude, longitude, altitude = geodetic_from_enu(frames.w_T_b[:, :3, 3], self.estimate.origin)
+        known = self.estimate.altitude_known
+        return latitude, longitude, altitude if known else np.full(len(altitude), np.nan)
+
+    @property
+    def heights_above_floor_m(self) -> Array:
+        """(n,) heights of the keyframes above the floor of the map."""
+        estimate = self.estimate
+        return np.asarray(estimate.over_floor_T_b[self.keyframes.numbers, 2, 3] - estimate.floor_z_m)
+
     @property
     def description(self) -> str:
         """One line about the map for formats that hold text."""
@@ -168,4 +180,6 @@ class ExportedMap:
             )
         if not estimate.metric:
             lines.append("lengths are in mean heights of the camera, not in metres")
+        if estimate.origin is not None and not estimate.altitude_known:
+            lines.append("no altitude is recorded: heights count from the floor, and are no altitudes")
         return tuple(lines)

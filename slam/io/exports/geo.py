@@ -31,19 +31,22 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     assert origin is not None
     frames, notes = exported.keyframes.with_plain_names("OpenDroneMap")
     cameras = frames.of_sensor(camera.b_T_c)
-    latitude, longitude, altitude = cameras.geodetic(origin)
+    latitude, longitude, altitude = exported.geodetic(cameras)
     angles_deg = np.degrees(_yaw_pitch_roll(cameras, latitude, longitude, origin))
     east_m, north_m, up_m = cameras.position_stds_m.T
     accuracies_m = np.column_stack([np.sqrt((east_m**2 + north_m**2) / 2), up_m])
     lines = [_PROJECTION]
     for k, name in enumerate(cameras.names):
-        words = [name, f"{longitude[k]:.10f}", f"{latitude[k]:.10f}", f"{altitude[k]:.4f}"]
-        words += [f"{angle:.4f}" for angle in angles_deg[k]]
-        if np.isfinite(accuracies_m[k]).all():
-            words += [f"{std_m:.4f}" for std_m in accuracies_m[k]]
+        words = [name, f"{longitude[k]:.10f}", f"{latitude[k]:.10f}"]
+        if np.isfinite(altitude[k]):  # the place in the line tells what a number is
+            words += [f"{altitude[k]:.4f}", *(f"{angle:.4f}" for angle in angles_deg[k])]
+            if np.isfinite(accuracies_m[k]).all():
+                words += [f"{std_m:.4f}" for std_m in accuracies_m[k]]
         lines.append(" ".join(words))
     target.write_text("\n".join([*lines, ""]), encoding="utf-8")
-    return notes
+    if exported.estimate.altitude_known:
+        return notes
+    return (*notes, "geo.txt has neither angles nor accuracies, which may only follow an altitude")
 
 
 def _yaw_pitch_roll(cameras: Keyframes, latitude: Array, longitude: Array, origin: GeoOrigin) -> Array:

@@ -1,7 +1,7 @@
 """The track and the keyframes as GeoJSON.
 
-Coordinates are longitude, latitude, altitude. A line across the meridian of 180 degrees is cut there. Source:
-RFC 7946 (2016), sections 3.1, 3.1.9 and 4.
+Coordinates are longitude, latitude, and altitude if one is known. A line across the meridian of 180 degrees
+is cut there. Source: RFC 7946 (2016), sections 3.1, 3.1.9 and 4.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import numpy as np
 
 from slam.io.exports.exported_map import ExportedMap
 
-_DEGREE_DIGITS, _METRE_DIGITS = 10, 4
-"""Decimals: a tenth of a millimetre or less."""
+_METRE_DIGITS = 4
+_DIGITS = (10, 10, _METRE_DIGITS)
+"""Decimals of longitude, latitude and altitude: a tenth of a millimetre or less."""
 
 
 def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     """Write one line for each part of the track, and one point for each keyframe."""
-    frames, origin = exported.keyframes, exported.estimate.origin
-    assert origin is not None
-    latitude, longitude, altitude = frames.geodetic(origin)
+    frames = exported.keyframes
+    latitude, longitude, altitude = exported.geodetic(frames)
     coordinates = [
-        [round(lon, _DEGREE_DIGITS), round(lat, _DEGREE_DIGITS), round(alt, _METRE_DIGITS)]
-        for lon, lat, alt in zip(longitude.tolist(), latitude.tolist(), altitude.tolist(), strict=True)
+        [round(value, digits) for value, digits in zip(place, _DIGITS, strict=True) if np.isfinite(value)]
+        for place in np.column_stack([longitude, latitude, altitude]).tolist()
     ]
     features = [
         _feature(*_line([coordinates[k] for k in part]), {"name": exported.name})
@@ -46,12 +46,12 @@ def _line(coordinates: list[list[float]]) -> tuple[str, Any]:
         if abs(there[0] - here[0]) > 180:
             side = 180.0 if here[0] > 0 else -180.0
             share = (side - here[0]) / (there[0] + 2 * side - here[0])
-            lat, alt = (
+            others = [
                 round(a + share * (b - a), digits)
-                for a, b, digits in zip(here[1:], there[1:], (_DEGREE_DIGITS, _METRE_DIGITS), strict=True)
-            )
-            pieces[-1].append([side, lat, alt])
-            pieces.append([[-side, lat, alt]])
+                for a, b, digits in zip(here[1:], there[1:], _DIGITS[1:], strict=False)
+            ]
+            pieces[-1].append([side, *others])
+            pieces.append([[-side, *others]])
         pieces[-1].append(there)
     return ("LineString", pieces[0]) if len(pieces) == 1 else ("MultiLineString", pieces)
 

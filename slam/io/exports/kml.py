@@ -1,6 +1,7 @@
 """The track and the keyframes as KML 2.2, with times by Google's extension ``gx:Track``.
 
-Source: OGC 07-147r2, "KML" (2008); Google, "KML Reference".
+Heights are altitudes, or those above the ground if no altitude is known. Source: OGC 07-147r2, "KML" (2008);
+Google, "KML Reference".
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ _AXES = ("east", "north", "up")
 
 def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     """Write one track for each part of the map, and one point with its uncertainty for each keyframe."""
-    frames, origin = exported.keyframes, exported.estimate.origin
-    assert origin is not None
-    latitude, longitude, altitude = frames.geodetic(origin)
+    frames = exported.keyframes
+    latitude, longitude, altitude = exported.geodetic(frames)
+    height = altitude if exported.estimate.altitude_known else exported.heights_above_floor_m
     places = [
-        (f"{lon:.10f}", f"{lat:.10f}", f"{alt:.4f}")
-        for lon, lat, alt in zip(longitude, latitude, altitude, strict=True)
+        (f"{lon:.10f}", f"{lat:.10f}", f"{up:.4f}")
+        for lon, lat, up in zip(longitude, latitude, height, strict=True)
     ]
     root = ET.Element("kml", _NAMESPACES)
     document = child(root, "Document")
@@ -47,15 +48,19 @@ def _track(
     child(placemark, "name", exported.name)
     if not exported.keyframes.has_calendar_time:
         line = child(placemark, "LineString")
-        child(line, "altitudeMode", "absolute")
+        child(line, "altitudeMode", _mode(exported))
         child(line, "coordinates", " ".join(",".join(places[k]) for k in part))
         return
     track = child(placemark, "gx:Track")
-    child(track, "altitudeMode", "absolute")
+    child(track, "altitudeMode", _mode(exported))
     for k in part:
         child(track, "when", exported.keyframes.utc(k))
     for k in part:
         child(track, "gx:coord", " ".join(places[k]))
+
+
+def _mode(exported: ExportedMap) -> str:
+    return "absolute" if exported.estimate.altitude_known else "relativeToGround"
 
 
 def _point(parent: ET.Element, exported: ExportedMap, k: int, place: tuple[str, str, str]) -> None:
@@ -70,5 +75,5 @@ def _point(parent: ET.Element, exported: ExportedMap, k: int, place: tuple[str, 
         if np.isfinite(std_m):
             child(ET.SubElement(extended, "Data", name=f"std_{axis}_m"), "value", f"{std_m:.4f}")
     point = child(placemark, "Point")
-    child(point, "altitudeMode", "absolute")
+    child(point, "altitudeMode", _mode(exported))
     child(point, "coordinates", ",".join(place))

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
 from slam.io.exports.camera_position import CameraPosition
 from slam.io.photos.position import LATITUDE_NAMES, LONGITUDE_NAMES
 from slam.io.photos.xmp import family_of
@@ -28,13 +30,8 @@ def with_position(packet: bytes, at: CameraPosition) -> bytes:
 
 def _values(at: CameraPosition) -> dict[str, dict[str, str]]:
     """Return the text of each name by family."""
-    latitude, longitude, altitude = (
-        f"{at.latitude_deg:.9f}",
-        f"{at.longitude_deg:.9f}",
-        f"{at.altitude_m:.4f}",
-    )
+    latitude, longitude = f"{at.latitude_deg:.9f}", f"{at.longitude_deg:.9f}"
     drone = {**dict.fromkeys(LATITUDE_NAMES, latitude), **dict.fromkeys(LONGITUDE_NAMES, longitude)}
-    drone["AbsoluteAltitude"] = altitude
     camera: dict[str, str] = {}
     if at.std_m is not None:
         east, north, up = (f"{std:.5f}" for std in at.std_m)
@@ -45,9 +42,11 @@ def _values(at: CameraPosition) -> dict[str, dict[str, str]]:
     exif = {
         "GPSLatitude": _minutes(at.latitude_deg, "NS"),
         "GPSLongitude": _minutes(at.longitude_deg, "EW"),
-        "GPSAltitude": f"{round(abs(at.altitude_m) * 10_000)}/10000",
-        "GPSAltitudeRef": str(int(at.altitude_m < 0)),
     }
+    if np.isfinite(at.altitude_m):
+        drone["AbsoluteAltitude"] = f"{at.altitude_m:.4f}"
+        exif["GPSAltitude"] = f"{round(abs(at.altitude_m) * 10_000)}/10000"
+        exif["GPSAltitudeRef"] = str(int(at.altitude_m < 0))
     return {"drone": drone, "camera": camera, "exif": exif}
 
 

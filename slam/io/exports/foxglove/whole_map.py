@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -34,7 +35,7 @@ def map_facts(estimate: Estimate) -> dict[str, str]:
     if (origin := estimate.origin) is not None:
         facts["origin_latitude_deg"] = repr(origin.latitude_deg)
         facts["origin_longitude_deg"] = repr(origin.longitude_deg)
-        facts["origin_altitude_m"] = repr(origin.altitude_m)
+        facts["origin_altitude_m"] = repr(origin.altitude_m if origin.altitude_known else math.nan)
     return facts
 
 
@@ -48,8 +49,8 @@ def write_map(file: FoxgloveFile, exported: ExportedMap) -> tuple[str, ...]:
         _check_names(exported, frames)
         pictures = _pictures(exported, frames, camera)
     notes = _write_once(file, exported)
-    covariances, origin = keyframes.fixed_axes_covariances, estimate.origin
-    places = list(zip(*keyframes.geodetic(origin), strict=True)) if origin is not None else []
+    covariances = keyframes.fixed_axes_covariances
+    places = list(zip(*exported.geodetic(keyframes), strict=True)) if estimate.origin is not None else []
     for k, stamp_ns in enumerate(keyframes.stamps_ns.tolist()):
         T, name = keyframes.w_T_b[k], keyframes.names[k]
         about = {"picture": name, "part": str(int(keyframes.component[k]))}

@@ -10,6 +10,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 
 from slam.core.errors import InputError
+from slam.core.geodesy import GeoOrigin
 from slam.io.exports.formats import export_map
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.choice import Request
@@ -100,6 +101,14 @@ def test_a_map_without_camera_place_and_covariances(tmp_path):
         assert {c.topic for c in reader.connections} == {"/slam/pose", "/slam/path", "/tf"}
     (_, first), *_ = messages(tmp_path / "bag", "/slam/pose")
     assert np.isnan(first.pose.covariance).all()
+
+
+def test_an_unknown_altitude_is_no_number(tmp_path):
+    """The comment of NavSatFix: quiet NaN if no altitude is available."""
+    origin = GeoOrigin(0.0, 0.0, 0.0, altitude_known=False)
+    export_map(exported(made_map(pose(), origin=origin)), "ros2", tmp_path / "bag")
+    ((_, fix),) = messages(tmp_path / "bag", "/slam/fix")
+    assert np.isnan(fix.altitude)
 
 
 @pytest.mark.parametrize("epoch_ns", [-1, 2**31 * 10**9])

@@ -172,7 +172,7 @@ def test_a_set_comes_back_with_the_estimated_positions(tmp_path):
     assert sorted(p.name for p in (tmp_path / "copies").iterdir()) == ["P0.jpg", "P1.jpg", "P2.jpg"]
     gps = import_photos(tmp_path / "copies").gps
     assert gps is not None
-    latitude, longitude, altitude = source.keyframes.geodetic(ORIGIN)
+    latitude, longitude, altitude = source.geodetic(source.keyframes)
     np.testing.assert_allclose(gps.latitude_deg, latitude, atol=1e-9)
     np.testing.assert_allclose(gps.longitude_deg, longitude, atol=1e-9)
     np.testing.assert_allclose(gps.altitude_m, altitude, atol=1e-4)
@@ -185,6 +185,16 @@ def test_an_unknown_covariance_states_no_accuracy(tmp_path):
     estimate = made_map(pose(), covariances=np.full((1, 6, 6), np.nan), origin=ORIGIN)
     export_map(exported(estimate, photos=tmp_path / "photos"), "exif", tmp_path / "copies")
     assert read_tags(tmp_path / "copies" / "P0.jpg").position.std_m is None
+
+
+def test_an_unknown_altitude_leaves_the_altitude_tags_as_they_are(tmp_path):
+    fill(tmp_path / "photos", {"P0.jpg": jpeg(altitude=None, drone={"AbsoluteAltitude": "+0.00"})})
+    origin = GeoOrigin(-33.5, -70.25, 0.0, altitude_known=False)
+    source = exported(made_map(pose(), origin=origin), photos=tmp_path / "photos")
+    notes = export_map(source, "exif", tmp_path / "copies")
+    assert any("no altitude is recorded" in note for note in notes)
+    found = read_tags(tmp_path / "copies" / "P0.jpg").position
+    assert (found.latitude_deg, found.altitude_m, found.exif_altitude_m) == (pytest.approx(-33.5), 0.0, None)
 
 
 def test_pictures_that_cannot_be_copied_are_named(tmp_path):

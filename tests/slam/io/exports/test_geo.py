@@ -93,3 +93,9 @@ def test_names_with_spaces_are_left_out_and_told(tmp_path):
     notes = export_map(exported(estimate), "geo", tmp_path / "geo.txt")
     assert [line.split()[0] for line in (tmp_path / "geo.txt").read_text().splitlines()[1:]] == ["P1.jpg"]
     assert any("my photo.jpg" in note for note in notes)
+
+
+def test_without_an_altitude_a_line_ends_after_the_place(tmp_path):
+    """Angles and accuracies are told by their place behind the altitude."""
+    (row,) = rows(tmp_path, pose(), origin=GeoOrigin(0.0, 0.0, 0.0, altitude_known=False))
+    assert row == ["P0.jpg", "0.0000000000", "0.0000000000"]

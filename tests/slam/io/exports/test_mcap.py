@@ -15,6 +15,7 @@ from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import Flight, Frames
+from slam.core.geodesy import GeoOrigin
 from slam.io.exports.formats import export_map
 from slam.io.geotiff import Block, Grid, write_bands, write_geotiff
 from slam.io.recordings.assemble import flight_of
@@ -188,6 +189,13 @@ def test_places_status_and_warnings(whole):
     assert fix.position_covariance_type == fix.KNOWN
     lines = [message.message for _, message in messages(whole, "/slam/log")]
     assert lines == ["status: scale rests on GPS", "cam0: 1 picture lost"]
+
+
+def test_an_unknown_altitude_is_no_number(tmp_path):
+    origin = GeoOrigin(0.0, 0.0, 0.0, altitude_known=False)
+    export_map(exported(made_map(pose(), origin=origin)), "mcap", tmp_path / "map.mcap")
+    ((_, fix),) = messages(tmp_path / "map.mcap", "/slam/fix")
+    assert np.isnan(fix.altitude)
 
 
 def test_our_own_reader_takes_the_poses_as_a_truth(whole):

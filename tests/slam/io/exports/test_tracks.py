@@ -146,3 +146,31 @@ def test_geojson_cuts_a_line_at_the_meridian_of_180_degrees(first_deg, tmp_path)
     assert here[1:] == there[1:]
     cross_m = (180 - abs(first_deg)) / 360 * 2 * np.pi * 6378137.0
     assert here[1] == pytest.approx(cross_m / 20 * 2 / 110574.0, rel=1e-3)
+
+
+def test_no_height_above_the_floor_is_told_as_an_altitude(tmp_path):
+    """Without any altitude, only KML has a word for heights above the ground: 28 and 58 m over this floor."""
+    unknown = {"origin": GeoOrigin(0.0, 0.0, 0.0, altitude_known=False), "floor_z_m": -28.0}
+    target, notes = written("geojson", tmp_path, **unknown)
+    line, *points = (
+        feature["geometry"]["coordinates"] for feature in json.loads(target.read_text())["features"]
+    )
+    assert [len(place) for place in (*line, *points)] == [2] * 6
+    assert "no altitude is recorded" in notes[0]
+    target.unlink()
+    root = ET.parse(written("gpx", tmp_path, **unknown)[0]).getroot()
+    assert list(root.iter(f"{GPX}trkpt"))
+    assert not list(root.iter(f"{GPX}ele"))
+    target.unlink()
+    root = ET.parse(written("kml", tmp_path, **unknown)[0]).getroot()
+    assert {mode.text for mode in root.iter(f"{KML}altitudeMode")} == {"relativeToGround"}
+    heights = [float(coord.text.split()[2]) for coord in root.iter(f"{GX}coord")]
+    assert heights == pytest.approx([28, 28, 58])
+
+
+def test_a_line_without_altitudes_is_cut_at_180_degrees_too(tmp_path):
+    origin = GeoOrigin(0.0, 179.9999, 0.0, altitude_known=False)
+    target, _ = written("geojson", tmp_path, origin=origin)
+    geometry = json.loads(target.read_text())["features"][0]["geometry"]
+    assert geometry["type"] == "MultiLineString"
+    assert {len(place) for piece in geometry["coordinates"] for place in piece} == {2}
