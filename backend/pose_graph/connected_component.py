@@ -50,7 +50,8 @@ class SolvedComponent:
     residual: Array
     error: float
     iterations: int
-    converged: bool
+    failure: str
+    """Sentence that no start converged, or empty."""
     held: str
     open: tuple[str, ...]
     """Directions that neither a measurement nor the gauge fixes, as sentences."""
@@ -58,7 +59,7 @@ class SolvedComponent:
     """Reasons why the result may be wrong, as sentences."""
     warnings: tuple[str, ...]
     contradictions: tuple[str, ...]
-    """The warnings among these that edges scatter more than their covariances allow."""
+    """The doubts that edges scatter more than their covariances allow."""
     disputed_odometry: tuple[str, ...]
     """A sentence about rejected loops that agree with each other against odometry, or empty."""
 
@@ -107,11 +108,11 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         residual=np.linalg.norm(problem.residuals(w_T), axis=1),
         error=minimum.error,
         iterations=minimum.iterations,
-        converged=minimum.converged,
+        failure=_failure(problem, fit),
         held=held,
         open=still_open,
         doubts=tuple(s for s in (*contradictions, *disputes, "" if complete else _cut_off(problem)) if s),
-        warnings=(*_warnings(problem, fit), *contradictions, *unknown),
+        warnings=(*_far_readings(problem, fit), *unknown),
         contradictions=tuple(contradictions),
         disputed_odometry=disputes,
     )
@@ -168,11 +169,16 @@ def _cut_off(problem: Problem) -> str:
     )
 
 
-def _warnings(problem: Problem, fit: GraphFit) -> list[str]:
+def _failure(problem: Problem, fit: GraphFit) -> str:
+    if fit.minimum.converged:
+        return ""
+    who = format_keys(range(problem.count), problem.name)
+    return f"{who}: no start converged ({fit.minimum.reason}); the best point found is given"
+
+
+def _far_readings(problem: Problem, fit: GraphFit) -> list[str]:
+    """Return a sentence for each kind of readings that lie farther off than noise explains."""
     minimum, messages = fit.minimum, []
-    if not minimum.converged:
-        who = format_keys(range(problem.count), problem.name)
-        messages.append(f"{who}: no start converged ({minimum.reason}); the best point found is given")
     # A pose graph's ranges may be heights from other instruments, or from the pictures.
     for kind, words in (("position", "positions"), ("range", "heights over the floor")):
         of_kind = [a for a in problem.unary_factors if a.kind == kind]

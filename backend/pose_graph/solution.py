@@ -55,17 +55,22 @@ class Solution:
     robust loss."""
     iterations: int
     converged: bool
-    status: str
-    """``ok``, or one sentence that describes the problem."""
+    reasons: tuple[str, ...] = ()
+    """Sentences that say what is not observed, was not placed, or may be wrong."""
     unobserved: tuple[str, ...] = ()
     """Directions that nothing measures, by keyframes, and the pose that was fixed instead."""
     warnings: tuple[str, ...] = ()
     contradictions: tuple[str, ...] = ()
-    """The warnings among these that edges scatter more than their covariances allow."""
+    """The reasons that edges scatter more than their covariances allow."""
     disputed_odometry: tuple[str, ...] = ()
     """Sentences about rejected loops that contradict odometry, or agree with odometry that was rejected."""
     row_mistakes: tuple[RowMistake, ...] = ()
     """Rejected edges of a pose graph that one typical mistake of their rows explains."""
+
+    @property
+    def status(self) -> str:
+        """``ok``, or the reasons in one line."""
+        return "; ".join(self.reasons) or "ok"
 
     @property
     def edge_informative(self) -> NDArray[np.bool_]:

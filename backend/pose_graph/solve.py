@@ -102,15 +102,15 @@ def solve_pose_graph(
     mistakes, parts = row_mistakes(graph, problem, solution), linearised_parts(problem, solution)
     rivals = rival_groups(problem, solution, deadline)
     unsearched = _without_second_map(problem, solution) if options.out_of_time() else []
-    said = [
-        *([] if solution.status == "ok" else [solution.status]),
+    reasons = (
+        *solution.reasons,
         *unchecked_components(problem, solution),
         *(rivals or [*unsearched, *displaced_loops(problem, solution)]),
         *(shifted_loops(parts) or shared_offsets(parts)),
-    ]
+    )
     return replace(
         solution,
-        status="; ".join(said) or "ok",
+        reasons=reasons,
         warnings=(
             *solution.warnings,
             *rejected_odometry_warning(problem, solution),
@@ -161,7 +161,7 @@ def _solve_informative(problem: Problem, options: Options, warnings: list[str]) 
     kept, residual, reasons = np.zeros(m, dtype=bool), np.full(m, np.nan), list[Rejection | None]([None] * m)
     parts: list[SolvedComponent] = []
     unplaced: list[int] = []
-    all_solved = True
+    failures: list[str] = []
     size = np.bincount(label)
     for number in range(len(size)):
         members = np.flatnonzero(label == number)
@@ -177,8 +177,8 @@ def _solve_informative(problem: Problem, options: Options, warnings: list[str]) 
                 raise
             for e in edges.tolist():
                 reasons[e] = Rejection(LinkCheck.SOLVED_PART)
-            warnings.append(f"{format_keys(members.tolist(), problem.name)} could not be solved: {refused}")
-            all_solved = False
+            failures.append(f"{format_keys(members.tolist(), problem.name)} could not be solved: {refused}")
+            warnings += failures[-1:]
             continue
         w_T[members], component[members] = part.w_T, len(parts)
         if covariances is not None and part.covariances is not None:
@@ -186,9 +186,9 @@ def _solve_informative(problem: Problem, options: Options, warnings: list[str]) 
         kept[edges], residual[edges] = part.kept, part.residual
         for e, why in zip(edges.tolist(), part.reasons, strict=True):
             reasons[e] = why
-        warnings += part.warnings
+        failures += [part.failure] if part.failure else []
+        warnings += [line for line in (part.failure, *part.warnings) if line]
         parts.append(part)
-    converged = all_solved and all(part.converged for part in parts)
     unobserved = [part.held for part in parts if part.held]
     if unplaced:
         unobserved.append(f"{format_keys(unplaced, problem.name)} not placed: no edge and no position")
@@ -202,8 +202,8 @@ def _solve_informative(problem: Problem, options: Options, warnings: list[str]) 
         edge_residual=residual,
         error=sum((part.error for part in parts), 0.0),
         iterations=max((part.iterations for part in parts), default=0),
-        converged=converged,
-        status=_status(parts, unplaced, converged, warnings),
+        converged=not failures,
+        reasons=_reasons(parts, unplaced, failures),
         unobserved=tuple(unobserved),
         warnings=tuple(warnings),
         contradictions=tuple(line for part in parts for line in part.contradictions),
@@ -211,16 +211,12 @@ def _solve_informative(problem: Problem, options: Options, warnings: list[str]) 
     )
 
 
-def _status(parts: list[SolvedComponent], unplaced: list[int], converged: bool, warnings: list[str]) -> str:
-    messages = []
+def _reasons(parts: list[SolvedComponent], unplaced: list[int], failures: list[str]) -> tuple[str, ...]:
+    reasons = []
     if len(parts) > 1:
-        messages.append(f"{len(parts)} parts are not connected to each other")
+        reasons.append(f"{len(parts)} parts are not connected to each other")
     if unplaced:
-        messages.append(f"{counted(len(unplaced), 'pose')} could not be placed")
-    messages += [direction for part in parts for direction in part.open]
-    messages += [doubt for part in parts for doubt in part.doubts]
-    if not converged:
-        messages.append(
-            next((w for w in warnings if "solved" in w or "converge" in w), "the solve did not converge")
-        )
-    return "; ".join(messages) or "ok"
+        reasons.append(f"{counted(len(unplaced), 'pose')} could not be placed")
+    reasons += [direction for part in parts for direction in part.open]
+    reasons += [doubt for part in parts for doubt in part.doubts]
+    return (*reasons, *failures[:1])

@@ -139,12 +139,12 @@ def _graph_lines(map_: Map) -> list[str]:
     """
     solution = map_.graph
     if map_.bundle is None or not solution.contradictions:
-        return list(solution.warnings)
+        return [*solution.warnings, *solution.contradictions]
     scatter = Note(
         "pairs of pictures fit each other less exactly than was first assumed; the accuracy of this map "
         "counts that: the refinement of all pictures together has measured how exactly they fit"
     )
-    return [*(line for line in solution.warnings if line not in solution.contradictions), scatter]
+    return [*solution.warnings, scatter]
 
 
 def _reasons(

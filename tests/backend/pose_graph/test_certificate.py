@@ -32,7 +32,7 @@ def _isotropic(made: PoseGraph) -> PoseGraph:
 def _placed(made: PoseGraph, w_T: np.ndarray) -> Solution:
     n, m = len(w_T), len(made.i)
     kept, none = np.ones(m, dtype=bool), ("",) * m
-    return Solution(w_T, None, np.zeros(n, dtype=np.int64), kept, none, np.zeros(m), 0.0, 0, True, "ok")
+    return Solution(w_T, None, np.zeros(n, dtype=np.int64), kept, none, np.zeros(m), 0.0, 0, True)
 
 
 def _wound(turns: int, n: int = 20) -> tuple[PoseGraph, np.ndarray]:

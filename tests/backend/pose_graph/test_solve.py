@@ -136,7 +136,10 @@ def test_rejection_can_be_forbidden_and_is_then_told():
     made, _ = falsified(flight(5), 4, seed=1)
     s = solve(made.measurements, loops_robust=False)
     assert s.edge_kept.all()
-    assert any("disagree more than their covariances allow" in w for w in s.warnings)
+    (said,) = s.contradictions
+    assert "disagree more than their covariances allow" in said
+    assert said in s.reasons
+    assert said not in s.warnings, "each line once"
 
 
 def test_no_edge_is_rejected_where_the_whole_fits():

@@ -34,7 +34,6 @@ def made_map(w_T_b: np.ndarray, component: np.ndarray) -> Map:
         error=0.0,
         iterations=0,
         converged=True,
-        status="ok",
     )
     return Map(
         observations=nothing_seen,
