@@ -148,7 +148,7 @@ def _row(path: Path, line: int, text: str, pictures: Mapping[str, str], height_u
     x, y, z, u, v = numbers
     words = fields[5:]
     # A name of a picture may have blanks in it.
-    ends = (end for end in range(len(words), 1, -1) if " ".join(words[:end]).lower() in pictures)
+    ends = (end for end in range(len(words), 1, -1) if _picture(" ".join(words[:end]), pictures) is not None)
     end = next(ends, 1)
     picture, rest = " ".join(words[:end]), words[end:]
     is_check = "check" in (word.lower() for word in rest[1:])
@@ -166,8 +166,8 @@ def _in_flight(
     camera = flight.camera
     known, unknown = [], []
     for row in rows:
-        found = names.get(row.view.picture.lower(), names.get(_file(row.view.picture).lower()))
-        if found == "":
+        found = _picture(row.view.picture, names)
+        if found == "" or (found is None and _is_ambiguous(row.view.picture, names)):
             what = f"names {brief(row.view.picture, 60)!r}, of which there are several"
             raise refusal(path, what, "write its folder too", row.line)
         if found is None:
@@ -199,6 +199,23 @@ def _by_ending(names: tuple[str, ...]) -> Mapping[str, str]:
         for key in {name.lower(), _file(name).lower(), PurePosixPath(name).stem.lower()}:
             found[key] = name if key not in found or key == name.lower() else ""
     return found
+
+
+def _picture(written: str, names: Mapping[str, str]) -> str | None:
+    """Return the flight's name of a picture, empty where several have the one that is written, None for none.
+
+    Photographs of one name in several folders have the folders in their names, joined by ``_``
+    (`slam.io.photos.search`).
+    """
+    parts = PurePosixPath(written.lower().replace("\\", "/")).parts
+    endings = (written.lower(), *("_".join(parts[k:]) for k in range(len(parts))))
+    return next((names[ending] for ending in endings if ending in names), None)
+
+
+def _is_ambiguous(written: str, names: Mapping[str, str]) -> bool:
+    """Return whether pictures of several folders have the file name that is written without a folder."""
+    ending = f"_{_file(written).lower()}"
+    return len({name for name in names.values() if name.lower().endswith(ending)}) > 1
 
 
 def _file(name: str) -> str:

@@ -19,7 +19,9 @@ from slam.core.join_flights import join_flights
 from slam.core.surveyed_flight import with_surveyed
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.gcp_list import read_gcp_list, with_own_points, without_own_points
+from slam.io.photos.import_photos import import_photos
 from tests.slam.io.made_flight import made_flight
+from tests.slam.io.photos.photo_files import fill, jpeg
 
 NAMES = ("DJI_0010.JPG", "sub/DJI_0020.JPG", "DJI_0030.JPG")
 UTM = ["WGS84 UTM 32N"]
@@ -195,6 +197,19 @@ def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, lines, words):
 def test_a_name_of_two_pictures_is_refused(tmp_path):
     two = replace(flight(), frames=Frames(np.arange(2.0), ("a/X.JPG", "b/X.JPG"), lambda _: None))
     assert "several; write its folder too" in refused(tmp_path, [*UTM, "1 2 3 4 5 X.JPG"], two)
+
+
+def test_photographs_of_one_name_are_told_apart_by_their_folder(tmp_path):
+    """The names are those that a folder of photographs gives them."""
+    files = {f"{folder}/P{k}.jpg": jpeg(seed=k) for k, folder in enumerate("ab")}
+    files |= {f"{folder}/Q.jpg": jpeg(seed=9 + k, place=(30.17, -98.09)) for k, folder in enumerate("ab")}
+    folder = fill(tmp_path / "photos", files)
+    of = import_photos(folder)
+    rows = ["-98.09 30.17 300 3 4 a/Q.jpg here", f"-98.09 30.17 300 5 6 {folder}\\b\\Q.JPG here"]
+    ((point,), notes) = read(tmp_path, ["EPSG:4326", *rows], of)
+    assert [view.picture for view in point.views] == ["a_Q.jpg", "b_Q.jpg"]
+    assert not notes
+    assert "several; write its folder too" in refused(tmp_path, ["EPSG:4326", "-98 30 3 4 5 Q.jpg"], of)
 
 
 def test_rows_of_other_pictures_are_named_and_left_out(tmp_path):
