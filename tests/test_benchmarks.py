@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Truth
-from tests.benchmarks import blind_dev, inertial_alone, inertial_bound, instruments
+from tests.benchmarks import blind_dev, growth, inertial_alone, inertial_bound, instruments
 from tests.benchmarks.figures import BEGIN, END, Section, markdown, measured, verdict, with_block
 from tests.benchmarks.instrument_flights import KINDS, SEEDS, _strata
 from tests.benchmarks.instrument_maps import ALL, NO_CAMERA, NO_IMU, NO_SONAR, Flown, Gap, Mapped
@@ -204,3 +204,28 @@ def test_recovered_errors_are_judged_by_their_reported_deviations():
     assert found["delay of the pictures"].value == 100.0
     allowed = found["least median error of the scale that the noise of the accelerometer allows"]
     assert allowed.value == pytest.approx(0.6745 * 0.8, rel=1e-4)
+
+
+def test_the_growth_of_a_stage_is_its_largest_exponent_between_two_sizes():
+    surveys = [
+        growth.Survey(n, n, 5 * n, 0.1, {"track": 1e-2 * n, "refine": refine_s}, 400.0 + n / 100, 500.0, 1.0)
+        for n, refine_s in ((400, 1.0), (1600, 4.0), (6400, 32.0))
+    ]
+    found = {metric.key.split(":")[0]: metric for metric in growth.figures(surveys)}
+    assert (found["track"].value, found["track"].met) == (pytest.approx(1.0), True)
+    assert (found["refine"].value, found["refine"].met) == (pytest.approx(1.5), False)
+    memory = found["peak memory, without mosaic, 6400 over 400 photographs"]
+    assert (memory.value, memory.met) == (pytest.approx(464 / 404), True)
+
+
+def test_overlapping_photographs_of_a_made_survey_show_one_ground():
+    here, aside = np.diag([1.0, -1.0, -1.0, 1.0]), np.diag([1.0, -1.0, -1.0, 1.0])
+    # So far from the origin that most octaves have repeated there.
+    here[:3, 3], aside[:3, 3] = (1e3, 1e3, 30.0), (1e3 + 30.0 * 100 / growth.FOCAL_PX, 1e3, 30.0)
+    rng = np.random.default_rng(0)
+    octaves = [
+        np.pad(rng.normal(0, 1, (growth.BLOTS,) * 2), growth.PADDED, mode="wrap").astype(np.float32)
+        for _ in growth.OCTAVES_M
+    ]
+    first, second = (growth.ground_in(pose, octaves) for pose in (here, aside))
+    np.testing.assert_allclose(second[:, :-100], first[:, 100:], atol=0.2)

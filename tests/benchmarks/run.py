@@ -53,6 +53,7 @@ TITLES = {
     "side_by_side": "Side by side on the demo's keyframes",
     "refinement": "Refinement of made surveys",
     "memory": "A flight ten times as long",
+    "growth": "Made surveys of 400, 1600 and 6400 photographs",
     "mosaic": "Mosaics",
     "map_page": "Interactive map in a browser",
     "video_import": "Import of an hour of video",

@@ -41,12 +41,14 @@ def jpeg(
     elements=False,
     container="JPEG",
     seed=0,
+    pixels=None,
     packet=None,
     deep=False,
 ) -> bytes:
     """A picture file; None leaves a tag out, ``drone`` and ``camera`` are XMP names and values.
 
-    ``packet`` is a whole XMP packet instead, and ``deep`` gives grey pixels of 12 bits, for a TIFF.
+    ``packet`` is a whole XMP packet instead, and ``deep`` gives grey pixels of 12 bits, for a TIFF. The
+    pixels are noise by default.
     """
     if packet is None and (drone or camera):
         packet = xmp(drone or {}, camera or {}, elements=elements)
@@ -69,7 +71,8 @@ def jpeg(
         exif[IFD.Exif], exif[IFD.GPSInfo] = dict(inner), dict(where)
         if packet is not None:
             exif[XMP_TAG] = packet
-    pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
+    if pixels is None:
+        pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
     out = io.BytesIO()
     pixels = pixels[..., 0].astype(np.uint16) << 4 if deep else pixels
     Image.fromarray(pixels).save(out, container, exif=exif)
