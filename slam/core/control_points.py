@@ -97,6 +97,8 @@ class ControlReport:
     """Mean altitude of the points that `gps_offset_m` is about, as surveyed; None without any."""
     survey_scale: float = 1.0
     """Factor on the stated deviations of the survey, where its residuals ask for more."""
+    misread: str = ""
+    """Why no pixel of the points is trusted; empty if they are."""
 
     @property
     def is_followed(self) -> bool:

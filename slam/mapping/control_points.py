@@ -73,6 +73,8 @@ class ControlComparison:
     """The surveyed points that one part of the map shows, its keyframes numbered from 0."""
 
     points: tuple[Surveyed, ...]
+    misread: str = ""
+    """Why no pixel is trusted; empty if they are (`slam.mapping.control_pixels`)."""
 
     @staticmethod
     def of(points: Sequence[Surveyed], members: NDArray[np.int64]) -> ControlComparison:
@@ -84,7 +86,7 @@ class ControlComparison:
     def candidates(self) -> NDArray[np.bool_]:
         """(p,) which points the first refinement uses: all that may be, if they are enough."""
         usable = np.array([s.may_be_used for s in self.points], dtype=bool)
-        return np.asarray(usable & (usable.sum() >= LEAST_POINTS))
+        return np.asarray(usable & (usable.sum() >= LEAST_POINTS) & (not self.misread))
 
     def rough(self, camera: Camera, w_T_b: Array, metric: bool) -> NDArray[np.bool_]:
         """Return the candidates (p,) without those far off the others on level, unplaced poses (m, 4, 4)."""
@@ -126,8 +128,9 @@ class ControlComparison:
         usable = np.array([s.may_be_used for s in self.points], dtype=bool)
         limit = np.sqrt(chi_square_limit(FALSE_ALARM / max(int(usable.sum()), 1), 3))
         # Where too few agreed, the coarser map without them must not call them back.
-        agree = usable & (sigmas <= limit) & used.any()
-        return ControlVerdict(self.points, agree & (agree.sum() >= LEAST_POINTS), located, scale, placed)
+        agree = usable & (sigmas <= limit) & used.any() & (not self.misread)
+        agree &= agree.sum() >= LEAST_POINTS
+        return ControlVerdict(self.points, agree, located, scale, placed, self.misread)
 
 
 def _on_floor(point: ControlPoint, camera: Camera, w_T_b: Array, floor_z_m: float) -> Array:
@@ -174,6 +177,7 @@ class ControlVerdict:
     """Factor on the stated deviations of the survey."""
     placed: bool
     """Whether the map is on Earth."""
+    misread: str = ""
 
     def report(self, bundle: Bundle, used: NDArray[np.bool_], fixes: Fixes | None = None) -> ControlReport:
         """Return the residuals of all points of a map that follows those in ``used`` (p,).
@@ -181,7 +185,7 @@ class ControlVerdict:
         ``fixes``: the GPS fixes that it has.
         """
         rows = tuple(self._residual(k, bool(used[k])) for k in range(len(self.points)))
-        report = ControlReport(points=rows, survey_scale=self.scale)
+        report = ControlReport(points=rows, survey_scale=self.scale, misread=self.misread)
         measured = bundle.optimum.problem.measurements
         if not measured.positions:
             return report

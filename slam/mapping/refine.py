@@ -21,6 +21,7 @@ from slam.core.imu_at_rest import GravityReading
 from slam.core.progress import Progress
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.calibration.lens import calibrated
+from slam.mapping.control_pixels import misread
 from slam.mapping.control_points import ControlComparison
 from slam.mapping.floor_points import refined_floor_points
 from slam.mapping.gps.comparison import FixComparison
@@ -158,14 +159,17 @@ class _Evidence:
     """(n,) which keyframes have a height in metres."""
     refinement: MetricRefinement
 
-    def part(self, members: NDArray[np.int64], w_T_b: Array) -> MapPart:
-        """Keyframes ``members`` (m,), placed and refined from the pose graph's ``w_T_b`` (m, 4, 4)."""
+    def part(self, members: NDArray[np.int64], w_T_b: Array, misread_points: str = "") -> MapPart:
+        """Keyframes ``members`` (m,), placed and refined from the pose graph's ``w_T_b`` (m, 4, 4).
+
+        ``misread_points``: why the pixels of the control points cannot be followed.
+        """
         ranged = bool(self.metric[members].all())
         readings = self.setup.readings
         fixes = FixComparison(readings.fixes, readings.stamps_s[members]) if readings.fixes else None
         fixes = fixes.without_repeats(w_T_b, ranged) if fixes else None
         agreement = fixes.rough(w_T_b, ranged) if fixes else None
-        control = ControlComparison.of(self.setup.surveyed, members)
+        control = replace(ControlComparison.of(self.setup.surveyed, members), misread=misread_points)
         base = self.setup
         aligned = aligned_part(base.with_fixes(agreement), members, w_T_b, ranged, control)
         if aligned is None:
@@ -193,6 +197,8 @@ class _Evidence:
                 "standard deviations are unknown: do not measure there"
             )
             return replace(placed, warnings=(*placed.warnings, line))
+        if not misread_points and (wrong := _misread(placed, control, w_T_b)):
+            return self.part(members, w_T_b, wrong)
         if agreement is None or fixes is None:
             return placed
         fixes = placed.refined_fixes(fixes)
@@ -263,6 +269,17 @@ class _Evidence:
             velocity_left_out=refined.velocity_left_out,
         )
         return part, agreement
+
+
+def _misread(part: MapPart, control: ControlComparison, w_T_b: Array) -> str:
+    """Return what is wrong with the pixels of control points that a refined part follows; empty if nothing.
+
+    ``w_T_b`` (m, 4, 4) are its poses of the pose graph.
+    """
+    if part.bundle is None or part.control is None or not part.control.is_followed:
+        return ""
+    points = [surveyed.point for surveyed in control.points]
+    return misread(part.bundle, points, part.setup.camera, w_T_b)
 
 
 def _no_scale(

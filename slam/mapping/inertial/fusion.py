@@ -250,7 +250,8 @@ def _with_control(joined: Map, members: NDArray[np.int64], bundle: Bundle, setup
     if before is None:
         return joined
     used = np.array([point.used for point in before.points], dtype=bool)
-    verdict = ControlComparison.of(setup.surveyed, members).judge(bundle, used)
+    comparison = replace(ControlComparison.of(setup.surveyed, members), misread=before.misread)
+    verdict = comparison.judge(bundle, used)
     now = verdict.report(bundle, used, setup.readings.fixes)
     said, remarked = control_warnings(before), offset_remarks(before)
     return replace(

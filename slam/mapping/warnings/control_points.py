@@ -19,7 +19,12 @@ def control_warnings(report: ControlReport) -> list[str]:
     used = [p for p in control if p.used]
     wrong = [p for p in located if not p.used]
     lines = []
-    if control and not used:
+    if report.misread:
+        lines.append(
+            f"control points: none is used: {report.misread}; count pixels from the upper left corner of the "
+            "stored picture at its full size, the column before the row"
+        )
+    elif control and not used:
         if len(located) < LEAST_POINTS:
             what = f"{len(located)} of {len(control)} can be placed, and {LEAST_POINTS} are needed"
         else:
