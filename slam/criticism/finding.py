@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from slam.core.units import spaced
 from slam.data_quality.finding import Finding
@@ -96,11 +97,18 @@ class OutOfRange(Finding):
 
 @dataclass(frozen=True)
 class LateReadings(Finding):
-    """Readings of a stream (``channel``) that come late, or early, by their stamps."""
+    """Readings of a stream (``channel``) that come late, or early, by their stamps, or behind a filter."""
+
+    BY_DELAY: ClassVar[str] = "late"
+    BY_FILTER: ClassVar[str] = "smoothed"
 
     late_s: float
+    """The mean age of a reading, or its standard deviation: of a low-pass filter, the time constant."""
+    lag: str = BY_DELAY
 
     def _text(self) -> str:
+        if self.lag == self.BY_FILTER:
+            return f"{self.channel} smoothed over {1e3 * self.late_s:.1f} ms"
         return f"{self.channel} {'late' if self.late_s > 0.0 else 'early'} by {1e3 * abs(self.late_s):.1f} ms"
 
 

@@ -7,8 +7,8 @@ averaged about moments half a second apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from backend.measurements import GRAVITY_M_S2
 from frontend.robust import robust_std
 from slam.core.flight import Flight
 from slam.core.rotations import rotation_of
+from slam.data_quality.lag import PROMPT, Lag
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -35,8 +36,6 @@ LOWEST_M = 0.35
 """Least height: nearer to the floor the vehicle may touch it, which shakes all instruments."""
 JUMP = 6.0
 """Least jump of a rate between samples, beside its neighbours, in standard deviations."""
-DELAY = ".delay_s"
-"""Suffix of the column of a delayed stream."""
 INTEGRATED = " as integrated"
 """Suffix of the second estimate of the quantity that a scale multiplies."""
 CHANNELS = {
@@ -61,11 +60,22 @@ class ImuReadings:
     """(n, 3) roll, pitch, yaw."""
     w_R_b: Array
     """(n, 3, 3) the same as rotations."""
+    lags: Mapping[str, Lag] = field(default_factory=dict)
+    """Stream -> lag of its readings; none for those that are prompt. The attitude is without its lag."""
+
+    def lagged(self, stream: str, signal: Array) -> Array:
+        """Return a signal (n, k) of the motion as a stream reads it."""
+        return self.lags.get(stream, PROMPT).of(self.stamps_s, signal)
 
     @property
     def w_accel(self) -> Array:
         """(n, 3) specific force in the world."""
         return np.asarray(np.einsum("nij,nj->ni", self.w_R_b, self.accel))
+
+    @property
+    def turn(self) -> Array:
+        """(n, 3) rates of roll, pitch and yaw by the gyro."""
+        return np.asarray(np.einsum("nij,nj->ni", _angle_rates(self.angles), self.gyro))
 
     def integral(self, rate: Array) -> Array:
         """Return the integral (n, k) of a rate (n, k)."""
@@ -99,10 +109,12 @@ class IntegralComparison:
         return self.read - self.integral
 
 
-def comparisons(flight: Flight) -> list[tuple[str, IntegralComparison]]:
-    """Return every kind of comparison that the flight's streams allow."""
+def comparisons(
+    flight: Flight, lags: Mapping[str, Lag] | None = None
+) -> list[tuple[str, IntegralComparison]]:
+    """Return every kind of comparison that the flight's streams allow, with the lags of some streams."""
     flight = with_finite_imu(flight)
-    imu = imu_of(flight)
+    imu = imu_of(flight, lags)
     if imu is None:
         return []
     every = ((kind, compare(flight, imu)) for kind, compare in _COMPARISONS.items())
@@ -131,8 +143,11 @@ def with_finite_imu(flight: Flight) -> Flight:
     return replace(flight, imu=finite)
 
 
-def imu_of(flight: Flight) -> ImuReadings | None:
-    """Return the imu in body axes where imu and attitude are known, else None."""
+def imu_of(flight: Flight, lags: Mapping[str, Lag] | None = None) -> ImuReadings | None:
+    """Return the imu in body axes where imu and attitude are known, else None.
+
+    What the gyro turned within the ``lags`` of the attitude is added to that.
+    """
     if flight.imu is None or flight.attitude is None:
         return None
     angles = flight.attitude.roll_pitch_yaw_rad
@@ -142,7 +157,14 @@ def imu_of(flight: Flight) -> ImuReadings | None:
     turned, stamps = np.unwrap(angles[known], axis=0), flight.attitude.stamps_s[known]
     imu_s = flight.imu.stamps_s
     at_imu = np.column_stack([np.interp(imu_s, stamps, column) for column in turned.T])
-    return ImuReadings(imu_s, **in_body_axes(flight), angles=at_imu, w_R_b=rotation_of(at_imu))
+    seen = ImuReadings(
+        imu_s, **in_body_axes(flight), angles=at_imu, w_R_b=rotation_of(at_imu), lags=lags or {}
+    )
+    if seen.lags.get("attitude", PROMPT) == PROMPT:
+        return seen
+    turned_by = seen.integral(seen.turn)
+    at_imu = at_imu + turned_by - seen.lagged("attitude", turned_by)
+    return replace(seen, angles=at_imu, w_R_b=rotation_of(at_imu))
 
 
 def in_body_axes(flight: Flight) -> dict[str, Array]:
@@ -158,13 +180,13 @@ def _attitude(flight: Flight, imu: ImuReadings) -> IntegralComparison | None:
     known = np.isfinite(flight.attitude.roll_pitch_yaw_rad).all(axis=1)
     stamps = flight.attitude.stamps_s[known]
     angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad[known], axis=0)
-    turn = np.einsum("nij,nj->ni", _angle_rates(imu.angles), imu.gyro)
+    turn = imu.turn
 
     def others() -> dict[str, Array]:
-        jumps = imu.at(stamps, _jumps(imu, turn))
-        return {"attitude" + DELAY: -imu.at(stamps, turn), BETWEEN_SAMPLES: jumps}
+        return {BETWEEN_SAMPLES: imu.at(stamps, _jumps(imu, turn))}
 
-    return IntegralComparison(stamps, angles, imu.at(stamps, imu.integral(turn)), 1, angles[:, 2], others)
+    turned_by = imu.at(stamps, imu.lagged("attitude", imu.integral(turn)))
+    return IntegralComparison(stamps, angles, turned_by, 1, angles[:, 2], others)
 
 
 def _jumps(imu: ImuReadings, rate: Array) -> Array:
@@ -183,14 +205,9 @@ def _velocity(flight: Flight, imu: ImuReadings) -> IntegralComparison | None:
     stamps, read = flight.velocity.stamps_s[good], flight.velocity.v_m_s[good]
     if good.sum() < FEWEST:
         return None
-    yaw = imu.at(stamps, imu.angles[:, 2:])[:, 0]
-    speed = into_world(yaw, read)
-    pull = _acceleration(imu)
-
-    def others() -> dict[str, Array]:
-        return {"velocity" + DELAY: -imu.at(stamps, imu.w_accel)[:, :2]}
-
-    return IntegralComparison(stamps, speed, imu.at(stamps, imu.integral(pull))[:, :2], 1, yaw, others)
+    yaw = imu.at(stamps, imu.lagged("velocity", imu.angles[:, 2:]))[:, 0]
+    gained = imu.lagged("velocity", imu.integral(_acceleration(imu))[:, :2])
+    return IntegralComparison(stamps, into_world(yaw, read), imu.at(stamps, gained), 1, yaw)
 
 
 def _height(flight: Flight, imu: ImuReadings) -> IntegralComparison | None:

@@ -6,7 +6,7 @@ second take one such change for an outlier.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from slam.data_quality.inertial_comparison import (
     comparisons,
     with_finite_imu,
 )
+from slam.data_quality.lag import Lag
 
 Array = NDArray[np.float64]
 
@@ -56,13 +57,13 @@ class Jump(Finding):
         return f"{self.channel} jumps by {change}, where the {by} shows no such change{others}"
 
 
-def jumps_of_all(flights: Sequence[Flight]) -> list[Jump]:
-    """Return the jumps of all flights."""
+def jumps_of_all(flights: Sequence[Flight], lags: Mapping[str, Lag]) -> list[Jump]:
+    """Return the jumps of all flights, beside the lags of their streams."""
     names = flights_to_name([flight.name for flight in flights])
-    return [replace(jump, flight=n) for n, f in zip(names, flights, strict=True) for jump in jumps(f)]
+    return [replace(jump, flight=n) for n, f in zip(names, flights, strict=True) for jump in jumps(f, lags)]
 
 
-def jumps(flight: Flight) -> list[Jump]:
+def jumps(flight: Flight, lags: Mapping[str, Lag] | None = None) -> list[Jump]:
     """Return the jumps of the flight's attitude and velocity, the greatest of each channel.
 
     The integral is wrong near the floor and over gaps of imu and attitude: no jump is told there. Where the
@@ -70,7 +71,7 @@ def jumps(flight: Flight) -> list[Jump]:
     """
     noise_std = {stream.name: float(stream.noise_std.max()) for stream in streams_of(flight)}
     wrong_s, found = _wrong_integral(flight), []
-    for kind, seen in comparisons(flight):
+    for kind, seen in comparisons(flight, lags):
         if kind == "height":
             continue  # a floor may have steps
         times_s, changes = _changes(seen, wrong_s)

@@ -198,8 +198,7 @@ class QuadraticLikelihood:
 
         For white rows the log likelihoods of a segment differ by m, which follows from its information, with
         a variance of 2 m. Where segments scatter about that by more, errors are correlated, and the lead
-        counts proportionally less. Otherwise minutes of one lasting error would decide between two effects
-        with the same sensitivity.
+        counts proportionally less: minutes of one lasting error must not decide.
         """
         total, left = 0.0, list(union)
         before = self.maximise(left).whole

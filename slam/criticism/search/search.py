@@ -261,11 +261,8 @@ def beyond(ranked: Sequence[ScoreTest], threshold: float) -> list[ScoreTest]:
 
 
 def _doubtful(significant: Sequence[ScoreTest]) -> Sequence[ScoreTest]:
-    """Return the candidates, best first, that must be fitted before one is chosen.
-
-    These are all where the best is highly significant or has no size yet, those as good as it where its
-    effect is nonlinear, and none where one expansion decides.
-    """
+    """Return the candidates, best first, that must be fitted before one is chosen: all where the best is
+    highly significant or has no size yet, those as good where it is nonlinear, none if one run decides."""
     best = significant[0]
     if best.z >= LINEAR_Z or best.effect.is_profiled:
         return significant

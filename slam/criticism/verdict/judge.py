@@ -17,9 +17,8 @@ from slam.core.progress import Progress
 from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import Inconsistency, LateReadings, NameInDoubt, OutOfRange, ResidualPattern
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.readings import STREAMS
 from slam.criticism.residuals.reading_anomalies import ENTAILS
-from slam.criticism.search.effects import LATE, Effect
+from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, Thresholds, with_misfit
@@ -300,7 +299,9 @@ def left_over(effect: Effect, found: SearchResult) -> Finding:
     """Return a chosen effect that is no term as a finding."""
     if effect.relaxes:
         return OutOfRange(channel=effect.relaxes[0])
-    if effect.name not in LATE:
+    channel, _, lag = effect.name.partition(" ")
+    if lag not in (LateReadings.BY_DELAY, LateReadings.BY_FILTER):
         return ResidualPattern.of(effect.name)
     size, _ = found.last.fitted(effect, found.last.maximise(found.chosen))
-    return LateReadings(float(size[0]), channel=STREAMS[LATE[effect.name][0]])
+    size = size if lag == LateReadings.BY_DELAY else np.sqrt(size)
+    return LateReadings(float(size[0]), lag, channel=channel)

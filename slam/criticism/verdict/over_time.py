@@ -71,11 +71,8 @@ class SizeOverTime:
 
     @property
     def varies(self) -> bool:
-        """Whether it varies between the parts by more than chance, and by half of itself.
-
-        Where instruments are compared with each other, errors are correlated, and small differences are
-        significant. A variance naturally differs from part to part.
-        """
+        """Whether it varies between the parts by more than chance, and by half of itself: errors between
+        instruments are correlated. A variance naturally differs from part to part."""
         if len(self.sizes) < FEWEST_SIZES:
             return False
         parameter = CATALOGUE[self.effect].parameter(self.parameter)
@@ -168,11 +165,8 @@ def _changes(found: SearchResult, parts: Parts, effect: Effect, k: int) -> list[
 
 
 def _break(score: Array, information: Array, tolerance: float) -> tuple[int, float, float]:
-    """Return the first segment after the likeliest break, the change there, and its z.
-
-    The variance is that of the segments about the two sizes, no less than that of white rows; the z is
-    Student's, as a normal one.
-    """
+    """Return the first segment after the likeliest break, the change there, and its z: Student's, as a normal
+    one, by the variance of the segments about the two sizes, no less than that of white rows."""
     count, whole = len(score), float(information.sum())
     sums = np.cumsum([score, information, score**2, score * information, information**2], axis=1)
     last = np.flatnonzero(np.minimum(sums[1], whole - sums[1]) >= TRIMMED * whole)
@@ -256,10 +250,7 @@ def contradictions(
     found: SearchResult, parameters: FilterParameters
 ) -> tuple[dict[str, Inconsistency], set[str]]:
     """Return the inconsistencies of causes by name, and the causes that contradict more than they explain.
-
-    Only effects that move the mean of the readings are compared. ``parameters`` include them. For an
-    out-of-model vehicle every cause is inconsistent, as its equations are wrong.
-    """
+    Only effects that move the mean of the readings are compared. ``parameters`` include them."""
     chosen = [e.free for e in found.chosen]
     kinds = list(zip(_BETWEEN, _parts_of(found, parameters, chosen), strict=True))
     precision = _precision(found.model, kinds[0][1].fisher.columns)

@@ -1,8 +1,7 @@
 """Explanation of flights without a command log: the errors by which instruments differ from each other.
 
-Each effect is a column of the whitened rows of all comparisons. Effects are tried, greatest first, as long as
-they predict held-out parts. Of these the set is chosen that explains most, and in which each effect stands
-out by cluster-robust errors over segments of ten seconds.
+Each effect is a column of the whitened rows of all comparisons. Effects that predict held-out parts are
+tried, greatest first. Of these the set is chosen that explains most, and in which each effect stands out.
 """
 
 from __future__ import annotations
@@ -31,9 +30,9 @@ from slam.criticism.verdict.judge import Evidence, JudgedCauses
 from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Parts, SizeOverTime, onset
 from slam.criticism.verdict.posterior import doubtful_components, posterior_of, required_nats
 from slam.criticism.verdict.rollouts import Covariate, covariate_of
-from slam.criticism.without_commands.likelihood import contradiction, fisher_of, likelihood_of, table_of
+from slam.criticism.without_commands.likelihood import contradiction, fisher_of, likelihood_of
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, channel_errors
-from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
+from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows, table_of
 from slam.data_quality.axes import axes_of_all
 from slam.data_quality.channels import larger_noise
 from slam.data_quality.finding import Finding, Remark
@@ -107,7 +106,7 @@ class ComparedFlights(Evidence):
         """Return what no cause explains, residual patterns excepted."""
         return [
             *self._axes[0],
-            *jumps_of_all(self.flights),
+            *jumps_of_all(self.flights, self.sensors.lags),
             *self.readings,
             *(series.finding() for series in self._varying),
             *contradiction(self.rows),
@@ -181,10 +180,7 @@ def explain_comparisons(
     flights: Sequence[Flight], readings: Sequence[Finding], model: Model, why: str, progress: Progress
 ) -> ComparedFlights | None:
     """Return the comparisons and the effects that explain them; None where no two instruments compare.
-
-    Pictures are linear only near the truth, so their rows are computed anew about what was found. ``why``
-    tells why the motion is not judged.
-    """
+    Pictures are linear only near the truth: their rows are computed anew about what was found."""
     sensors = SensorComparison.of(flights, model, progress)
     rows = sensors.rows({})
     if not any(rows):
@@ -255,11 +251,8 @@ def _best(
 
 
 def with_varying_sizes(cause: Cause, varying: Sequence[SizeOverTime]) -> Cause:
-    """Widen the intervals of sizes that vary between segments.
-
-    Another error comes and goes there, so the segments are no independent measurements of one size. The
-    interval must hold the sizes of most segments, not their mean.
-    """
+    """Widen the intervals of sizes that vary between segments: each must hold the sizes of most segments, as
+    another error comes and goes there, not their mean."""
     parameters = dict(cause.parameters)
     for series in (s for s in varying if s.effect == cause.name):
         p, factor = parameters[series.parameter], float(np.sqrt(len(series.sizes)))

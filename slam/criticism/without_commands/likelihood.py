@@ -25,7 +25,8 @@ from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import fitted_parameter, with_steps
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
-from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
+from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows, columns_of, table_of
+from slam.data_quality.comparison_derivatives import SMOOTHING
 from slam.data_quality.finding import Remark
 from slam.data_quality.inertial_comparison import segment_numbers
 from slam.simulation.terms import CATALOGUE
@@ -45,6 +46,7 @@ healthy places; and a variance that resembles another. Varying brightness is rep
 TOLERANCE = {
     **{name: term.tolerance for name, term in CATALOGUE.items()},
     "attitude late": 3e-3, "velocity late": 3e-3,
+    "attitude smoothed": 4e-4, "velocity smoothed": 4e-4,
     "picture brightness ~ time": 2e-2, "picture colour ~ time": 2e-2, "picture contrast ~ time": 5e-2,
     "picture sharpness ~ time": 0.2, "picture brightness ~ height": 5e-2,
     **dict(zip(WARPS, WARP_TOLERANCE.tolist(), strict=True)),
@@ -56,21 +58,9 @@ def direction(column: str) -> Perturbation:
     """Return the perturbation of a column."""
     if column in PATTERNS:
         return Perturbation(column, "picture", PATTERNS.index(column))
+    if column.endswith(SMOOTHING):
+        return Perturbation(column, "channel")
     return fitted_parameter(column).perturbation
-
-
-def columns_of(rows: FlightRows) -> list[str]:
-    """Return the columns that some of the rows have."""
-    return list(dict.fromkeys(n for flight in rows for r in flight for n in r.traces))
-
-
-def table_of(rows: FlightRows, columns: Sequence[str]) -> Array:
-    """Return (rows, columns) the change of all rows with each column."""
-    every = [r for flight in rows for r in flight]
-    table = np.zeros((sum(len(r.off) for r in every), len(columns)))
-    for k, name in enumerate(columns):
-        table[:, k] = np.concatenate([r.traces.get(name, np.zeros(len(r.off))) for r in every])
-    return table
 
 
 def begin_of(rows: Sequence[WhitenedRows], otherwise_s: float = 0.0) -> float:
@@ -132,7 +122,7 @@ def _effects(columns: Sequence[str]) -> tuple[Effect, ...]:
     for name, own in of.items():
         parameters = tuple(c.rpartition(".")[2] for c in own) if name in CATALOGUE else ()
         moved, least = tuple(map(direction, own)), TOLERANCE.get(name, 0.0)
-        positive = all(map(is_variance, moved))
+        positive = all(map(is_variance, moved)) or name.endswith(SMOOTHING)
         effects.append(Effect(name, moved, parameters=parameters, positive=positive, tolerance=least))
     return tuple(effects)
 

@@ -30,8 +30,14 @@ from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.held_out import parts_of
 from slam.criticism.without_commands.likelihood import Sizes, begin_of, picture_rows, segments_of
-from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows, inertial_residuals
+from slam.criticism.without_commands.whitened_rows import (
+    FlightRows,
+    WhitenedRows,
+    inertial_residuals,
+    lags_of,
+)
 from slam.data_quality.inertial_comparison import NODE_S, Averages, near_floor, segment_numbers
+from slam.data_quality.lag import Lag
 from slam.data_quality.pictures.feature_matches import FeatureMatches, match_all_pictures
 from slam.simulation.model import Model
 from slam.simulation.replay.compare import HORIZONS_S
@@ -51,20 +57,23 @@ class SensorComparison:
     """Flights with the comparisons of their instruments."""
 
     comparisons: tuple[list[WhitenedRows], ...]
-    records: tuple[Record | None, ...]
+    lags: dict[str, Lag]
+    """Lags of streams about which the comparisons are linear."""
+    records: Sequence[Record | None]
     """Readings of each flight in the air, with its pictures; None where it is not known to fly."""
     parameters: FilterParameters
     """Filter parameters with inflated process noise."""
-    anomalies: tuple[Cause, ...]
+    anomalies: Sequence[Cause]
     """Causes that single readings show."""
-    dropped: tuple[str, ...]
+    dropped: Sequence[str]
     """Descriptions of what was left out."""
 
     @staticmethod
     def of(flights: Sequence[Flight], model: Model, progress: Progress = silent) -> SensorComparison:
         """Compare each instrument of the flights with the others."""
         tally = Tally(progress, "instruments", len(flights))
-        comparisons = tuple(inertial_residuals(flight) for flight in tally.each(flights))
+        lags = lags_of(flights)
+        comparisons = tuple(inertial_residuals(flight, lags) for flight in tally.each(flights))
         parameters = with_free_motion(filter_parameters_of(model))
         records, dropped = [], []
         every = zip(map(airborne_record, flights), match_all_pictures(flights, progress), strict=True)
@@ -77,7 +86,7 @@ class SensorComparison:
         if known := [record for record in records if record is not None]:
             clean, anomalies = without_dead_zone(known)
             anomalies += reading_anomalies(in_threads(lambda record: whole(record, parameters), clean))
-        return SensorComparison(comparisons, tuple(records), parameters, tuple(anomalies), tuple(dropped))
+        return SensorComparison(comparisons, lags, records, parameters, anomalies, dropped)
 
     @property
     def matches(self) -> FeatureMatches | None:
@@ -106,11 +115,8 @@ def with_free_motion(parameters: FilterParameters) -> FilterParameters:
 
 
 def airborne_record(flight: Flight) -> Record | None:
-    """Return the longest segment between readings near the floor.
-
-    It is None where there is no sonar, where the segment is short, or where fewer than two of imu, attitude
-    and velocity measure the motion.
-    """
+    """Return the longest segment between readings near the floor; None where there is no sonar, where it is
+    short, or where fewer than two of imu, attitude and velocity measure the motion."""
     if flight.sonar is None or [flight.imu, flight.attitude, flight.velocity].count(None) > 1:
         return None
     try:

@@ -7,7 +7,7 @@ it may change (twice, for the height) by noise alone, or by an effect.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,25 +17,21 @@ from frontend.robust import robust_std
 from slam.core.arrays import Array, Ints
 from slam.core.flight import Flight
 from slam.criticism.search.thresholds import VERY_SIMILAR_NATS
+from slam.data_quality.comparison_derivatives import DELAY, LAGGING, SMOOTHING, derivatives, lagging
 from slam.data_quality.inertial_comparison import (
     BETWEEN_SAMPLES,
     CHANNELS,
-    DELAY,
     FEWEST,
     INTEGRATED,
     LONGEST_GAP_S,
-    READ_AS,
     Averages,
-    ImuReadings,
-    compared,
     comparisons,
     imu_of,
-    in_body_axes,
     moments_of,
     near_floor,
     with_finite_imu,
 )
-from slam.simulation.terms import CATALOGUE
+from slam.data_quality.lag import PROMPT, Lag
 
 LEAST_SHARE = 0.05
 FAR_OFF = 5.0
@@ -64,7 +60,7 @@ class WhitenedRows:
 
     def shifted(self, column: str, size: float) -> WhitenedRows:
         """Return the rows of readings with an error, from rows about a size of it."""
-        if size == 0.0:
+        if size == 0.0 or column not in self.traces:
             return self
         averages = self.averages
         if averages is not None:
@@ -84,6 +80,20 @@ class WhitenedRows:
 
 FlightRows = Sequence[Sequence[WhitenedRows]]
 """Rows of each flight."""
+
+
+def columns_of(rows: FlightRows) -> list[str]:
+    """Return the columns that some of the rows have."""
+    return list(dict.fromkeys(n for flight in rows for r in flight for n in r.traces))
+
+
+def table_of(rows: FlightRows, columns: Sequence[str]) -> Array:
+    """Return (rows, columns) the change of all rows with each column."""
+    every = [r for flight in rows for r in flight]
+    table = np.zeros((sum(len(r.off) for r in every), len(columns)))
+    for k, name in enumerate(columns):
+        table[:, k] = np.concatenate([r.traces.get(name, np.zeros(len(r.off))) for r in every])
+    return table
 
 
 def whitened_rows(
@@ -135,7 +145,7 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     # Effects are no scatter, and no reason to leave rows out.
     mixed = [n for n in names if n + INTEGRATED in names or n.endswith(INTEGRATED)]
     own = [1 + k for k, n in enumerate(names) if n not in (*mixed, BETWEEN_SAMPLES)]
-    size = np.linalg.lstsq(white[:, own], white[:, 0], rcond=1e-6)[0]
+    size = np.linalg.lstsq(white[:, own], white[:, 0], rcond=RANK)[0]
     left = white[:, 0] - white[:, own] @ size
     far = np.abs(left) > FAR_OFF * robust_std(left)
     free = max(int(np.sum(~far)) - len(size), 1)
@@ -166,83 +176,83 @@ def _noise(off: Array, place: Ints, order: int) -> tuple[float, Array, Array]:
     return variance, of_averages, of_integral
 
 
-SMALL = 0.2
-"""Size at which a term is undone for its derivative, as a share of its usual range: a delay of only some
-milliseconds would show the noise of the attitude between two samples."""
 DELAYS_S = (-0.16, -0.08, 0.0, 0.08, 0.16, 0.24, 0.32)
 """Delays about which rows may be linear: half of the 0.2 s over which a speed is averaged, either way."""
 CERTAIN_NATS = 12.5
-"""Least lead of a delay: half the square of five standard deviations."""
-FAINT = 1e-9
-"""Greatest entry of a column that is rounding."""
+"""Least lead of a lag: half the square of five standard deviations."""
+ROUNDS = 2
+"""Most steps of Gauss and Newton from the grid to the likeliest lag."""
+RANK = 1e-6
+"""Least share of the strongest combination of errors that a fit tells from none."""
 
 
-def inertial_residuals(flight: Flight) -> list[WhitenedRows]:
-    """Return the rows of every comparison that the flight's streams allow."""
-    finite = with_finite_imu(flight)
-    imu, low_s, found = imu_of(finite), near_floor(flight), list[WhitenedRows]()
-    if imu is None:
+def inertial_residuals(flight: Flight, lags: Mapping[str, Lag] | None = None) -> list[WhitenedRows]:
+    """Return the rows of every comparison that the flight's streams allow, linear about its ``lags``."""
+    finite, low_s, found = with_finite_imu(flight), near_floor(flight), list[WhitenedRows]()
+    lags = lags_of([flight]) if lags is None else lags
+    if (imu := imu_of(finite, lags)) is None:
         return found
-    for kind, seen in comparisons(finite):
-        traces = _traces(finite, imu, kind, seen.off) | seen.others()
-        late_s = _delay(finite, imu, kind, traces, low_s)
-        if late_s != 0.0:
-            late = replace(imu, stamps_s=imu.stamps_s + late_s)
-            seen = compared(finite, late, kind)
-            traces = _traces(finite, late, kind, seen.off) | seen.others()
+    for kind, seen in comparisons(finite, lags):
+        traces = derivatives(finite, imu, kind, seen.off) | seen.others()
         rows = whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
-        found += [r.shifted(READ_AS[kind] + DELAY, late_s) for r in rows]
+        for stream, lag in lags.items():
+            rows = [r.shifted(stream + DELAY, lag.delay_s) for r in rows]
+        found += rows
     return found
 
 
-def _delay(flight: Flight, imu: ImuReadings, kind: str, traces: dict[str, Array], low_s: Array) -> float:
-    """Return the delay of a stream, of those on the grid, about which its rows are linear.
+def lags_of(flights: Sequence[Flight]) -> dict[str, Lag]:
+    """Return the delays of the vehicle's attitude and velocity about which their rows are linear. That of the
+    attitude acts on all comparisons, as it turns the accelerometer into the world: it is sought first."""
+    lags: dict[str, Lag] = {}
+    for stream in LAGGING:
+        lags[stream] = _delay([with_finite_imu(flight) for flight in flights], lags, stream)
+    return lags
+
+
+def _delay(flights: Sequence[Flight], lags: Mapping[str, Lag], stream: str) -> Lag:
+    """Return the delay of a stream about which its rows are linear.
 
     Far from the truth the noise of the rows has the delay in it. Where their slope points to a delay, the
     profile likelihood is therefore compared, with the noise and all other errors fitted anew at each. Without
-    motion slope and profile are chance: both must agree.
+    motion slope and profile are chance: both must agree. Steps of Gauss and Newton follow.
     """
-    column = READ_AS[kind] + DELAY
+    known = []
+    for flight in (f for f in flights if any(kind == stream for kind, _ in comparisons(f))):
+        imu, off = imu_of(flight, lags), lagging(flight, lags, stream).off
+        assert imu is not None
+        traces = derivatives(flight, imu, stream, off)
+        traces.pop(stream + SMOOTHING, None)  # to first order a filter is a delay
+        known.append((flight, near_floor(flight), traces))
 
-    def rows(late_s: float) -> list[WhitenedRows]:
-        seen = compared(flight, replace(imu, stamps_s=imu.stamps_s + late_s), kind)
-        return whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
+    def rows(delay_s: float) -> list[WhitenedRows]:
+        each = ((lagging(f, {**lags, stream: Lag(delay_s)}, stream), low_s, t) for f, low_s, t in known)
+        return [
+            row for seen, low_s, traces in each
+            for row in whitened_rows(stream, seen.stamps_s, seen.off, traces, low_s, seen.order)
+        ]  # fmt: skip
 
-    now = rows(0.0) if column in traces else []
-    slope = sum(float(r.traces[column] @ r.off) for r in now)
-    known = sum(float(r.traces[column] @ r.traces[column]) for r in now)
-    if 0.5 * slope**2 <= VERY_SIMILAR_NATS * known:
-        return 0.0
-    nats = {late_s: sum(r.log_likelihood for r in rows(late_s)) for late_s in DELAYS_S if late_s * slope >= 0}
+    now = [(r.traces[stream + DELAY], r) for r in rows(0.0) if stream + DELAY in r.traces]
+    slope = sum(float(delay @ r.off) for delay, r in now)
+    if 0.5 * slope**2 <= VERY_SIMILAR_NATS * sum(float(delay @ delay) for delay, _ in now):
+        return PROMPT
+    nats = {late_s: _nats(rows(late_s)) for late_s in DELAYS_S if late_s * slope >= 0.0}
     best = max(nats, key=lambda late_s: nats[late_s])
-    return best if nats[best] - nats[0.0] > CERTAIN_NATS else 0.0
+    best = best if nats[best] - nats[0.0] > CERTAIN_NATS else 0.0
+    for _ in range(ROUNDS):
+        about = rows(best)
+        nearer = best + _size(about, stream + DELAY)
+        if _nats(rows(nearer)) <= _nats(about):
+            break
+        best = nearer
+    return Lag(best)
 
 
-def _traces(flight: Flight, imu: ImuReadings, kind: str, off: Array) -> dict[str, Array]:
-    """Return column -> (n, components) the change of the differences with each parameter of the terms.
+def _nats(rows: Sequence[WhitenedRows]) -> float:
+    return sum(r.log_likelihood for r in rows)
 
-    The catalogue's own corrections say how an error acts: the differences are compared with the term undone
-    at a small size of either sign. A scale has two columns: by the quantity as read, and as integrated.
-    """
-    traces: dict[str, Array] = {}
-    for term in CATALOGUE.values():
-        if term.undo is None or not term.in_differences or term.stream not in ("imu", READ_AS[kind]):
-            continue
-        for k, parameter in enumerate(term.smooth):
-            size = SMALL * (parameter.high - parameter.low)
-            values = np.array([[p.neutral for p in term.parameters]] * 2)
-            values[:, k] += -size, size
-            sides = []
-            for undone in (term.undo(flight, v, None) for v in values):
-                changed = replace(imu, **in_body_axes(undone)) if term.stream == "imu" else imu
-                sides.append(compared(undone, changed, kind).off)
-            column = (sides[0] - sides[1]) / (2.0 * size)
-            if np.abs(column).max() < FAINT:
-                continue
-            name = f"{term.name}.{parameter.name}"
-            traces[name] = column
-            if term.scales:
-                other = column - off
-                by_read, by_integral = (other, column) if term.stream == "imu" else (column, other)
-                traces[name], traces[name + INTEGRATED] = by_read, by_integral
-    return traces
+
+def _size(rows: Sequence[WhitenedRows], column: str) -> float:
+    """Return the size of one error by a least-squares fit of all."""
+    names, off = columns_of([rows]), np.concatenate([r.off for r in rows])
+    return float(np.linalg.lstsq(table_of([rows], names), off, rcond=RANK)[0][names.index(column)])

@@ -148,6 +148,8 @@ def _words(finding: Finding, result: Criticism) -> str:
             return finding.name
         case ResidualPattern():
             return f"{finding.name} ({by})"
+        case LateReadings(lag=LateReadings.BY_FILTER):
+            return f"the readings of {finding.channel} are smoothed over {1e3 * finding.late_s:.1f} ms"
         case LateReadings():
             when = f"{1e3 * abs(finding.late_s):.1f} ms too {'late' if finding.late_s > 0.0 else 'early'}"
             return f"the readings of {finding.channel} come {when} by their stamps"

@@ -13,10 +13,12 @@ from slam.criticism import criticise, next_flight
 from slam.criticism.finding import ImplausibleSize
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
+from slam.criticism.without_commands.explanation import search_linear
 from slam.criticism.without_commands.likelihood import PATTERNS, likelihood_of
 from slam.criticism.without_commands.sensor_comparison import SensorComparison
-from slam.criticism.without_commands.whitened_rows import inertial_residuals
+from slam.criticism.without_commands.whitened_rows import inertial_residuals, lags_of
 from slam.data_quality.inertial_comparison import NODE_S
+from slam.data_quality.lag import Lag
 from slam.simulation.healthy.flights import healthy_case, simulate_flight, simulate_readings
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.simulation.healthy.manoeuvres import stick_for
@@ -135,6 +137,32 @@ def delayed(flight, by_s):
     return replace(flight, attitude=replace(flight.attitude, stamps_s=flight.attitude.stamps_s + by_s))
 
 
+def compared(every):
+    """Return the rows of some flights, linear about the lags of their streams."""
+    lags = lags_of(every)
+    return [inertial_residuals(flight, lags) for flight in every]
+
+
+@pytest.mark.parametrize("time_s", [0.1, -0.08])
+def test_an_attitude_that_lags_is_no_error_of_the_speed(time_s):
+    """The attitude turns the accelerometer into the world: where it lags, the integrated speed is wrong.
+    ``time_s``: a delay, or the negative time constant of a filter."""
+
+    def lagging(flight):
+        if time_s > 0.0:
+            return delayed(flight, time_s)
+        stamps_s, angles = flight.attitude.stamps_s, flight.attitude.roll_pitch_yaw_rad
+        angles = Lag(smoothing_s=-time_s).of(stamps_s, np.unwrap(angles, axis=0))
+        return replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles))
+
+    parameters = filter_parameters_of(load_model("nominal"))
+    found = search_linear(likelihood_of(compared([lagging(f) for f in flights()]), parameters))
+    sizes = found.last.sizes(found.chosen)
+    assert not any(effect.is_term for effect in found.chosen), sizes
+    assert abs(sizes["attitude.delay_s"] - abs(time_s)) < 0.015
+    assert abs(max(sizes.get("attitude smoothed", 0.0), 0.0) ** 0.5 - max(-time_s, 0.0)) < 0.02
+
+
 @pytest.mark.parametrize("late_s", [0.06, 0.16, 0.3])
 def test_a_late_speed_is_told_with_its_delay_however_long_it_is(late_s):
     """Far from the truth the noise of the rows has the delay in it: rows are linear about the likeliest."""
@@ -143,7 +171,7 @@ def test_a_late_speed_is_told_with_its_delay_however_long_it_is(late_s):
         velocity = flight.velocity
         return replace(flight, velocity=replace(velocity, stamps_s=velocity.stamps_s + late_s))
 
-    expansion = expansion_of([inertial_residuals(late(flight)) for flight in flights()])
+    expansion = expansion_of(compared([late(flight) for flight in flights()]))
     found = next(s for s in expansion.score_tests([], expansion.effects) if s.effect.name == "velocity late")
     size = expansion.sizes([found.effect])["velocity.delay_s"]
     print(f"late by {late_s} s: found {size:.3f} s, z {found.z:.1f}")
