@@ -100,8 +100,9 @@ def write_mosaic(
     disk refuses; the files of an earlier run then remain unchanged.
     """
     out_dir, poses = Path(out_dir), estimate.over_floor_T_b
-    made = _planned(estimate, flight, poses, _apart(estimate, flight), gsd_m, _stage(progress, "mosaic"))
-    made, ground, poses = _over_ground(made, estimate)
+    with _refusal(flight):
+        made = _planned(estimate, flight, poses, _apart(estimate, flight), gsd_m, _stage(progress, "mosaic"))
+        made, ground, poses = _over_ground(made, estimate)
     plan = made.plan
     with _put_into(out_dir) as work:
         tif = work / "mosaic.tif"
@@ -170,7 +171,8 @@ def write_chain_picture(
     Raises ``InputError`` as `write_mosaic` does.
     """
     out_dir = Path(out_dir)
-    made = _planned(estimate, flight, w_T_b, {}, gsd_m, _stage(progress, "mosaic_chain"))
+    with _refusal(flight):
+        made = _planned(estimate, flight, w_T_b, {}, gsd_m, _stage(progress, "mosaic_chain"))
     with _put_into(out_dir) as work:
         tif, png = work / "mosaic_chain.tif", work / "mosaic_chain.png"
         write_geotiff(tif, made.grid, _Tiles(made, lambda mark, shape: None).blocks())
@@ -223,16 +225,22 @@ def _planned(
             camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out, unit=length
         )
 
-    try:
+    plan = planned(leave_out)
+    while True:
+        pictures = Pictures(plan, load, CACHE_MB)
+        exposure = measure_exposure(plan, pictures, progress)
+        if not pictures.unusable:
+            return _Planned(plan, pictures, load, exposure, estimate.origin, estimate.metric, progress)
+        # The area of unusable pictures goes to others, perhaps to some that were not read yet.
+        leave_out = leave_out | pictures.unusable
         plan = planned(leave_out)
-        while True:
-            pictures = Pictures(plan, load, CACHE_MB)
-            exposure = measure_exposure(plan, pictures, progress)
-            if not pictures.unusable:
-                return _Planned(plan, pictures, load, exposure, estimate.origin, estimate.metric, progress)
-            # The area of unusable pictures goes to others, perhaps to some that were not read yet.
-            leave_out = leave_out | pictures.unusable
-            plan = planned(leave_out)
+
+
+@contextmanager
+def _refusal(flight: Flight) -> Iterator[None]:
+    """Turn the reason why no mosaic can be planned into ``InputError``."""
+    try:
+        yield
     except MosaicError as error:
         raise InputError(f"{flight.name}: {error}") from None
 

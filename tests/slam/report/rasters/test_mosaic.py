@@ -189,9 +189,13 @@ def test_refusals_are_one_line_and_leave_earlier_files(tmp_path: Path) -> None:
     before = (tmp_path / "mosaic.tif").read_bytes()
     blind = dataclasses.replace(flight, frames=None)
     under = dataclasses.replace(estimate, floor_z_m=50.0)
+    # Over their sloping floor these pictures look down, and in the level world at the sky.
+    turned_over = over_floor(estimate.w_T_b, (-3.0, 0.0), FLOOR_Z_M)
+    sky = dataclasses.replace(estimate, w_T_b=turned_over, floor_slope_rad=(3.0, 0.0))
     for who, what, gsd_m, word in [
         (estimate, blind, None, "no camera"),
         (under, flight, None, "below the floor"),
+        (sky, flight, COARSE_M, "no picture can be put into a mosaic"),
         (estimate, flight, float("nan"), "above 0"),
         (estimate, flight, -1.0, "above 0"),
         (estimate, flight, 1e-7, "coarser"),
