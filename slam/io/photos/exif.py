@@ -46,6 +46,8 @@ class PhotoTags:
 
     size_px: tuple[int, int]
     """(width, height) of the stored pixels."""
+    is_turned: bool = False
+    """Whether a viewer turns or mirrors the stored pixels, by Exif's orientation."""
     make: str = ""
     model: str = ""
     original_size_px: tuple[float, float] | None = None
@@ -165,6 +167,7 @@ def _camera(tags: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
     known = len(dewarp) >= 9 and all(v is not None for v in dewarp[:9])
     source = text(xmp.text("drone", "ImageSource"))
     return {
+        "is_turned": number(tags.get(Base.Orientation)) in range(2, 9),
         "make": text(tags.get(Base.Make)),
         "model": text(tags.get(Base.Model)),
         "original_size_px": (width, height) if width and height else None,

@@ -131,6 +131,7 @@ def _at(photo: Photo, latitude_deg: float, longitude_deg: float, altitude_m: flo
         exif_altitude_m=None,
         std_m=None,
         unsigned_deg=None,
+        datum="",
         faults=(),
     )
     return replace(photo, tags=replace(photo.tags, position=position))

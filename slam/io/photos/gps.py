@@ -54,7 +54,7 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
             f"altitude from the maker's tag; Exif's differs by up to {np.nanmax(gap_m):.0f} m; check the "
             "altitude of one point if altitudes matter"
         )
-    remarks += _places_differ(fixes)
+    remarks += [*_places_differ(fixes), *_other_datums(fixes)]
     std_m, stds_m, accuracy = _accuracy(fixes)
     gps = Gps(
         stamps_s[known],
@@ -102,6 +102,16 @@ def _places_differ(fixes: Sequence[PhotoPosition]) -> list[str]:
         f"places of {counted(len(other), 'photograph')} from the maker's tags; Exif's differ by up to "
         f"{max(other):.3g} m: if these were corrected afterwards (PPK), remove the maker's, for example "
         "with exiftool -XMP-drone-dji:all="
+    ]
+
+
+def _other_datums(fixes: Sequence[PhotoPosition]) -> list[str]:
+    """Return a remark for each datum other than WGS 84 that Exif names."""
+    return [
+        f"GPSMapDatum of {counted(count, 'photograph')} is {datum}: positions are taken as WGS 84, from "
+        "which older datums differ by up to a kilometre; transform them, or give a table of positions or "
+        "control points (--gcp)"
+        for datum, count in sorted(Counter(fix.datum for fix in fixes if fix.datum).items())
     ]
 
 

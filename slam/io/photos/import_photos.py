@@ -75,6 +75,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
             *gps_remarks,
             *frame_remarks,
             *_damaged_tags(tags),
+            *_turned(tags),
         ),
         all_keyframes=True,
     )
@@ -154,6 +155,15 @@ def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[str
     notes: list[str] = []
     files = PictureFiles(paths, photos[0].tags.size_px, common_levels(paths, notes))
     return Frames(stamps_s, tuple(photo.name for photo in photos), files, files.failures), tuple(notes)
+
+
+def _turned(tags: Sequence[PhotoTags]) -> tuple[str, ...]:
+    turned = sum(t.is_turned for t in tags)
+    line = (
+        f"{counted(turned, 'photograph has', 'photographs have')} an Exif orientation, by which viewers turn "
+        "them: pixels, such as those of control points, are those of the pictures as they are stored"
+    )
+    return (Note(line),) if turned else ()
 
 
 def _damaged_tags(tags: Sequence[PhotoTags]) -> tuple[str, ...]:

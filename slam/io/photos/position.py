@@ -6,6 +6,7 @@ CIPA DC-008-2019 (Exif 2.32), section 4.6.6; DJI's and Pix4D's XMP names as came
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,8 @@ LONGITUDE_NAMES = ("GpsLongitude", "GpsLongtitude", "GPSLongitude", "Longitude")
 """Makers' XMP names; older DJI cameras write the second one of the longitude."""
 RTK_SOLUTIONS = {0: "without a position", 16: "single", 34: "float", 50: "fixed"}
 """Solutions by DJI's ``RtkFlag``. A single or float one has errors of decimetres to metres."""
+_LIKE_WGS_84 = re.compile(r"(WGS|ITRF|ETRS|NAD83|GDA|JGD|CGCS|NZGD|SIRGAS|GRS80)", re.IGNORECASE)
+"""Begin of names of datums, without blanks and hyphens, from which WGS 84 differs by two metres at most."""
 UNSIGNED = "so the sign is unknown"
 """Words that mark a fault of a missing letter N, S, E or W."""
 
@@ -44,6 +47,9 @@ class PhotoPosition:
     height_above_takeoff_m: float | None = None
     unsigned_deg: tuple[float, float] | None = None
     """Latitude and longitude without their signs, where only letters are missing."""
+    datum: str = ""
+    """Exif's name of the datum of its latitude and longitude where these are used; empty for WGS 84 and those
+    close to it."""
     letters: str = ""
     """The letters that Exif has of N, S, E, W."""
     faults: tuple[str, ...] = ()
@@ -62,11 +68,12 @@ def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:
         number(xmp.text("drone", *LATITUDE_NAMES)),
         number(xmp.text("drone", *LONGITUDE_NAMES)),
     )
-    unsigned, letters, gap_deg = None, "", None
+    unsigned, letters, gap_deg, datum = None, "", None, ""
     if lat is None or lon is None or (reason := position_fault(lat, lon)):
         if lat is not None and lon is not None and any((lat, lon)):
             faults.append(f"XMP: {reason}")
         lat, lon, unsigned, letters = _exif_place(gps, faults)
+        datum = text(gps.get(GPS.GPSMapDatum))[:40]
     else:
         gap_deg = _exif_gap_deg(gps, lat, lon)
     exif_altitude = number(gps.get(GPS.GPSAltitude))
@@ -85,6 +92,7 @@ def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:
         rtk=RTK_SOLUTIONS.get(int(_flag(xmp.text("drone", "RtkFlag"))), ""),
         height_above_takeoff_m=takeoff,
         unsigned_deg=unsigned,
+        datum="" if _LIKE_WGS_84.match(re.sub(r"[^A-Za-z0-9]", "", datum)) else datum,
         letters=letters,
         faults=tuple(faults),
     )

@@ -173,3 +173,25 @@ def test_fixes_of_nearly_one_accuracy_have_the_median(tmp_path):
     assert flight.gps.stds_m is None
     assert flight.gps.noise_std_m == (0.012, 0.012, 0.012)
     assert not warned(flight, "RTK solutions")
+
+
+@pytest.mark.parametrize(
+    ("datum", "is_told"),
+    [
+        ("TOKYO", True),
+        ("OSGB 36", True),
+        ("WGS-84", False),
+        ("WGS 84", False),
+        ("ETRS89", False),
+        ("", False),
+    ],
+)
+def test_positions_in_an_older_datum_are_named(tmp_path, datum, is_told):
+    flight = import_photos(fill(tmp_path, strip(2, gps={GPS.GPSMapDatum: datum})))
+    assert bool(warned(flight, "GPSMapDatum of 2 photographs is", datum)) == is_told
+
+
+def test_the_datum_of_exif_is_not_that_of_the_maker_s_position(tmp_path):
+    place = {"GpsLatitude": "30.0", "GpsLongitude": "-98.0"}
+    flight = import_photos(fill(tmp_path, strip(2, gps={GPS.GPSMapDatum: "TOKYO"}, drone=place)))
+    assert not warned(flight, "GPSMapDatum")

@@ -98,6 +98,8 @@ def test_orientation_does_not_turn_the_pixels(tmp_path):
     flight = import_photos(fill(tmp_path, {"a.jpg": turned, "b.jpg": _with_orientation(plain, image)}))
     assert flight.camera.size_px == SIZE
     assert flight.frames.load(0).shape == flight.frames.load(1).shape == (48, 64, 3)
+    (line,) = warned(flight, "Exif orientation")
+    assert line.startswith("1 photograph has an Exif orientation")
 
 
 def _with_orientation(data, tag):
