@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Truth
-from tests.benchmarks import blind_dev, growth, inertial_alone, inertial_bound, instruments
+from tests.benchmarks import blind_dev, commands, growth, inertial_alone, inertial_bound, instruments
 from tests.benchmarks.figures import BEGIN, END, Section, markdown, measured, verdict, with_block
 from tests.benchmarks.instrument_flights import KINDS, SEEDS, _strata
 from tests.benchmarks.instrument_maps import ALL, NO_CAMERA, NO_IMU, NO_SONAR, Flown, Gap, Mapped
@@ -80,11 +80,11 @@ def test_blind_cases_are_held_to_what_is_asked_of_them():
         return {"gate": {**gate, "unknowns_misnamed": misnamed}, "card": card, "missing": []}
 
     good = blind_dev.figures(scored(5, 8, 1, 0), [121.0, 20.0, 30.0])
-    assert [m.met for m in good] == [True, True, False, True, True, None, False, None]
+    assert [m.met for m in good] == [True, True, False, True, True, None, None]
     assert [measured(m) for m in good][:2] == ["5 of 5", "8 of 9"]
     assert (good[-1].value, good[-1].source[:11]) == (30.0, "case 2 of 3")
     bad = blind_dev.figures(scored(4, 7, 0, 1), [119.0, 20.0])
-    assert [m.met for m in bad] == [False, False, False, False, False, None, True, None]
+    assert [m.met for m in bad] == [False, False, False, False, False, None, None]
 
 
 @pytest.mark.parametrize("gap_s", [0.5, 2.0, 5.0])
@@ -229,3 +229,11 @@ def test_overlapping_photographs_of_a_made_survey_show_one_ground():
     ]
     first, second = (growth.ground_in(pose, octaves) for pose in (here, aside))
     np.testing.assert_allclose(second[:, :-100], first[:, 100:], atol=0.2)
+
+
+def test_the_time_of_a_command_has_that_of_its_children(monkeypatch):
+    """The busy grandchild stands for a command that runs in a child of its own."""
+    monkeypatch.setattr(commands, "REPEATS", 1)
+    busy = "import time\nwhile time.process_time() < 0.2: pass"
+    outer = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {busy!r}])"
+    assert 0.2 <= commands.cpu_s("-c", outer) < 1.0

@@ -55,6 +55,7 @@ TITLES = {
     "memory": "A flight ten times as long",
     "growth": "Made surveys of 400, 1600 and 6400 photographs",
     "mosaic": "Mosaics",
+    "commands": "Whole commands in fresh processes",
     "map_page": "Interactive map in a browser",
     "video_import": "Import of an hour of video",
     "criticism": "Criticism of ten flights",
