@@ -120,7 +120,7 @@ def coordinate_system(name: str, origin: GeoOrigin) -> CRS:
 def named_system(name: str) -> CRS | None:
     """Return the system ``EPSG:n``; None for ``utm``, which depends on the place.
 
-    Raises ``InputError`` for another name, and for a system without places on a plane.
+    Raises ``InputError`` for another name, and for a system of no plane.
     """
     if name.lower() == "utm":
         return None
@@ -136,7 +136,21 @@ def named_system(name: str) -> CRS | None:
             f"--crs {name}: a system of heights, of space or of one site, in which no map can be drawn; give "
             "utm, or EPSG: and the number of a projection"
         )
+    if plane := _plane_of_system_with_heights(found):
+        raise InputError(
+            f"--crs {name}: a system with heights, and those of rasters count from the map's floor; give "
+            f"EPSG: and the number of its plane ({plane})"
+        )
     return found
+
+
+def _plane_of_system_with_heights(crs: CRS) -> str:
+    """Return the name of the plane below a system of places and heights; empty for a system without them."""
+    system = crs.to_dict(projjson=True)
+    if "components" in system:
+        return str(system["components"][0]["name"])
+    axes = system.get("coordinate_system", {}).get("axis", [])
+    return f"{system['name']} in two dimensions" if len(axes) == 3 else ""
 
 
 def _transformed(source: CRS | str, crs: CRS, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:

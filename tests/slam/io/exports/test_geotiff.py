@@ -79,6 +79,16 @@ def test_a_system_without_places_on_a_plane_is_refused(code):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("code", "plane"), [(7415, "Amersfoort / RD New"), (4979, "WGS 84 in two dimensions")]
+)
+def test_a_system_with_heights_is_refused(code, plane):
+    """Heights of rasters count from the floor: no vertical datum is theirs."""
+    with pytest.raises(InputError, match="a system with heights") as refused:
+        coordinate_system(f"EPSG:{code}", ORIGIN)
+    assert plane in str(refused.value)
+
+
 def test_a_projection_that_changes_lengths_is_told(folder, tmp_path):
     estimate = made_map(pose(), origin=ORIGIN)
     notes = {
