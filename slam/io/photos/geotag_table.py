@@ -5,29 +5,45 @@ Programs that correct positions after the flight write such tables, so they are 
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
 from backend.wording import counted, either
 from slam.core.errors import InputError
-from slam.core.geodesy import position_fault
-from slam.core.messages import Note
+from slam.core.flight import Gps
+from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east, position_fault
+from slam.core.messages import Note, is_note
 from slam.core.names import listed
 from slam.io.files import brief, read_text, shown
 from slam.io.gcp_list import FILE_NAME
 from slam.io.photos.photo_set import Photo
+from slam.io.photos.position import PhotoPosition
 from slam.io.recordings.tables.cells import decimal_mark, numbers, text_of
-from slam.io.recordings.tables.columns import TIMES, columns_of, quantities_of
+from slam.io.recordings.tables.columns import TIMES, Column, columns_of, quantities_of
 from slam.io.recordings.tables.layout import Layout, layout_of
 
 _MAX_BYTES = 1 << 26
 _PLACE = ("latitude", "longitude")
-_Geotags = Mapping[str, tuple[float, float, float]]
-"""Name of a picture in small letters -> latitude, longitude [deg] and altitude [m], NaN for none."""
+_ALTITUDE_UNITS = dict.fromkeys(("altitude", "alt", "z/altitude"), "m")
+_ACCURACIES = tuple(
+    re.compile(rf"(({kind})[ _-]?(accuracy|acc|std)|(accuracy|acc|std)[ _-]?({kind}))( ?[\[(]m[\])])?", re.I)
+    for kind in ("horizontal|horz|h|xy", "vertical|vert|v|z")
+)
+"""Titles of the standard deviations along the ground and up, in metres."""
+_UP_RATIO = 2.0
+"""Error of satellite positions up over that along the ground, where a table does not state it."""
+_FAR_M = 1000.0
+"""Positions that are corrected after the flight lie metres from those of the tags. So far off they are those
+of other photographs, or have another order, sign or datum."""
+_Geotags = Mapping[str, tuple[float, ...]]
+"""Name of a picture in small letters -> latitude, longitude [deg], altitude, and standard deviations along
+the ground and up [m]; NaN for what is not told."""
 
 
 def with_geotags(
@@ -53,7 +69,7 @@ def with_geotags(
                 continue
             is_found = True
             photos, notes = _placed(photos, folder, name, geotags)
-            remarks += [*notes, *(f"{name}: {fault}" for fault in faults)]
+            remarks += [*notes, *_named(name, faults)]
         elif known & set(TIMES):
             remarks.append(f"{name} tells times of pictures and is not read here: give it itself, {path}")
         else:
@@ -82,19 +98,30 @@ def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[str, ...]]:
 
     Raises ``InputError`` for a unit that is not known.
     """
-    found, _ = columns_of(path, layout.titles, layout.units, layout.line, {"altitude": "m", "alt": "m"})
+    found, unread = columns_of(path, layout.titles, layout.units, layout.line, _ALTITUDE_UNITS)
+    for name, pattern in zip(("along", "up"), _ACCURACIES, strict=True):
+        if title := next((title for title in unread if pattern.fullmatch(title)), None):
+            found[name] = Column(name, title, list(layout.titles).index(title), "m", 1.0)
+            unread.remove(title)
     mark = decimal_mark(path, layout, found.values())
-    read = [numbers(layout, found[name], mark) for name in (*_PLACE, "altitude") if name in found]
-    values = [column for column, _ in read]
-    if "altitude" not in found:
-        values.append(np.full(len(layout.rows), np.nan))
-    names = text_of(layout, found["picture"])
-    geotags = {
-        name.casefold(): row
-        for name, row in zip(names, zip(*values, strict=True), strict=True)
-        if np.isfinite(row[:2]).all() and not position_fault(*row[:2])
+    none = np.full(len(layout.rows), np.nan)
+    read = {
+        name: numbers(layout, found[name], mark) if name in found else (none, [])
+        for name in (*_PLACE, "altitude", "along", "up")
     }
-    return geotags, tuple(line for _, faults in read for line in faults)
+    faults = [line for _, lines in read.values() for line in lines]
+    if unread:
+        faults.append(Note(f"columns that are not read: {listed(unread)}"))
+    geotags, refused = {}, []
+    values = np.column_stack([column for column, _ in read.values()])
+    for name, row in zip(text_of(layout, found["picture"]), values.tolist(), strict=True):
+        if np.isfinite(row[:2]).all() and (fault := position_fault(*row[:2])):
+            refused.append(f"{brief(name, 40)}: {fault}")
+        elif np.isfinite(row[:2]).all():
+            geotags[name.casefold()] = tuple(row)
+    if refused:
+        faults.append(f"{counted(len(refused), 'position')} not used ({listed(refused)})")
+    return geotags, tuple(faults)
 
 
 def _placed(
@@ -102,16 +129,32 @@ def _placed(
 ) -> tuple[list[Photo], list[str]]:
     """Return photographs with the positions of a table, and lines about it."""
     same = Counter(photo.path.name.casefold() for photo in photos)
-    placed, used = [], set[str]()
+    stems = Counter(map(_stem, photos))
+    states_accuracy = any(along_m > 0 for _, _, _, along_m, _ in geotags.values())
+    placed, used, far = [], set[str](), list[tuple[float, str]]()
     for photo in photos:
         inner = photo.path.relative_to(folder).as_posix().casefold()
         bare = photo.path.name.casefold()
-        key = inner if inner in geotags or same[bare] > 1 else bare
-        if key in geotags:
+        keys = [inner] if same[bare] > 1 else [inner, bare]
+        # Some programs write the names without their endings.
+        keys += [PurePosixPath(key).with_suffix("").as_posix() for key in keys] * (stems[_stem(photo)] == 1)
+        if key := next((key for key in keys if key in geotags), None):
             used.add(key)
-            photo = _at(photo, *geotags[key])
+            moved = _at(photo, geotags[key])
+            if (away_m := _apart_m(photo.tags.position, moved.tags.position)) > _FAR_M:
+                far.append((away_m, photo.name))
+            photo = moved
+        elif states_accuracy and photo.tags.position.std_m is None:
+            # Its own position is not as exact as the corrected ones.
+            photo = _with(photo, std_m=Gps.noise_std_m)
         placed.append(photo)
     remarks: list[str] = [Note(f"positions of {len(used)} of {len(photos)} photographs are those of {name}")]
+    if far:
+        remarks.append(
+            f"{name} puts {counted(len(far), 'photograph')} up to {max(far)[0] / 1e3:.0f} km from the places "
+            f"in their tags ({listed([photo for _, photo in far])}): check signs, order and datum of its "
+            "coordinates"
+        )
     if other := sorted(set(geotags) - used):
         names = listed([brief(each, 40) for each in other])
         remarks.append(
@@ -120,18 +163,43 @@ def _placed(
     return placed, remarks
 
 
-def _at(photo: Photo, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Photo:
+def _named(name: str, faults: Sequence[str]) -> list[str]:
+    lines = [(fault, f"{name}: {fault}") for fault in faults]
+    return [Note(line) if is_note(fault) else line for fault, line in lines]
+
+
+def _stem(photo: Photo) -> str:
+    return photo.path.stem.casefold()
+
+
+def _apart_m(a: PhotoPosition, b: PhotoPosition) -> float:
+    """Return how far two positions lie apart along the ground, roughly; 0 if one is not known."""
+    if a.latitude_deg is None or a.longitude_deg is None or b.latitude_deg is None or b.longitude_deg is None:
+        return 0.0
+    north_m = (b.latitude_deg - a.latitude_deg) * METRES_PER_DEGREE
+    east_deg = (b.longitude_deg - a.longitude_deg + 180) % 360 - 180
+    return float(np.hypot(north_m, east_deg * metres_per_degree_east(a.latitude_deg)))
+
+
+def _at(photo: Photo, told: tuple[float, ...]) -> Photo:
     """Return a photograph at another place; without an altitude it keeps that of its tags."""
+    latitude_deg, longitude_deg, altitude_m, along_m, up_m = told
     old = photo.tags.position
-    position = replace(
-        old,
-        latitude_deg=float(latitude_deg),
-        longitude_deg=float(longitude_deg),
-        altitude_m=float(altitude_m) if np.isfinite(altitude_m) else old.altitude_m,
+    std = (along_m, along_m, up_m if up_m > 0 else _UP_RATIO * along_m)
+    return _with(
+        photo,
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        altitude_m=altitude_m if np.isfinite(altitude_m) else old.altitude_m,
         exif_altitude_m=None,
-        std_m=None,
+        std_m=std if along_m > 0 else None,
         unsigned_deg=None,
         datum="",
         faults=(),
     )
+
+
+def _with(photo: Photo, **changes: Any) -> Photo:
+    """Return a photograph with changes of its position."""
+    position = replace(photo.tags.position, **changes)
     return replace(photo, tags=replace(photo.tags, position=position))

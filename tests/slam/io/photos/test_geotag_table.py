@@ -55,3 +55,25 @@ def test_faults_of_cells_are_told(tmp_path):
 def test_a_text_with_a_long_line_is_not_read(tmp_path):
     flight = import_photos(fill(tmp_path, strip(2) | {"notes.txt": b"x" * 140_000 + b",1"}))
     assert warned(flight, "1 file beside the photographs is not read (notes.txt)")
+
+
+def test_accuracies_of_a_table_count_and_photographs_without_a_row_have_none_of_them(tmp_path):
+    rows = b"label,lon,lat,alt,Horizontal accuracy (m),Vertical accuracy (m)\n"
+    rows += b"P0,-98,30,100,0.02,0.03\nP1,-98,30.0001,102,0.02,\n"
+    flight = import_photos(fill(tmp_path, strip(3) | {"ppk.csv": rows}))
+    assert warned(flight, "positions of 2 of 3 photographs are those of ppk.csv")
+    np.testing.assert_allclose(flight.gps.stds_m, [(0.02, 0.02, 0.03), (0.02, 0.02, 0.04), (5, 5, 10)])
+
+
+def test_what_a_table_holds_beside_is_named(tmp_path):
+    rows = b"filename,latitude,longitude,ellipsoidal height\nP0.jpg,30,-98,100\nP1.jpg,-98,30,100\n"
+    flight = import_photos(fill(tmp_path, strip(2) | {"geotags.csv": rows}))
+    assert warned(flight, "geotags.csv: columns that are not read: ellipsoidal height")
+    assert warned(flight, "geotags.csv: 1 position not used (P1.jpg: latitude -98 degrees is beyond 90)")
+
+
+def test_places_of_a_table_far_from_those_of_the_tags_are_told(tmp_path):
+    """Longitudes without their sign lie on the other side of the Earth; those of PPK lie near."""
+    rows = b"filename,latitude,longitude,altitude\nP0.jpg,30.00001,-98,100\nP1.jpg,30,98,100\n"
+    flight = import_photos(fill(tmp_path, strip(2) | {"geotags.csv": rows}))
+    assert warned(flight, "geotags.csv puts 1 photograph up to", "km from the places in their tags (P1.jpg)")
