@@ -50,6 +50,8 @@ class PhotoTags:
     """Whether a viewer turns or mirrors the stored pixels, by Exif's orientation."""
     make: str = ""
     model: str = ""
+    serial: str = ""
+    """Serial number of the camera, or of the vehicle that has it."""
     original_size_px: tuple[float, float] | None = None
     """(width, height) at the exposure, if the tags contain it."""
     focal_mm: float | None = None
@@ -170,6 +172,8 @@ def _camera(tags: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
         "is_turned": number(tags.get(Base.Orientation)) in range(2, 9),
         "make": text(tags.get(Base.Make)),
         "model": text(tags.get(Base.Model)),
+        "serial": text(tags.get(Base.BodySerialNumber))
+        or text(xmp.text("drone", "CameraSerialNumber", "DroneSerialNumber")),
         "original_size_px": (width, height) if width and height else None,
         "focal_mm": positive(tags.get(Base.FocalLength)),
         "focal_35mm": positive(tags.get(Base.FocalLengthIn35mmFilm)),

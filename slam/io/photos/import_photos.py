@@ -9,6 +9,7 @@ satellites', else from the order of the names.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from backend.wording import counted
 from slam.core.flight import AttitudeSeries, Flight, Frames, Scalar
 from slam.core.messages import Note
+from slam.core.names import listed
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.files import brief
@@ -72,6 +74,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
             *geotag_remarks,
             *time_remarks,
             *camera_remarks,
+            *_several_cameras(tags),
             *gps_remarks,
             *frame_remarks,
             *_damaged_tags(tags),
@@ -155,6 +158,19 @@ def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[str
     notes: list[str] = []
     files = PictureFiles(paths, photos[0].tags.size_px, common_levels(paths, notes))
     return Frames(stamps_s, tuple(photo.name for photo in photos), files, files.failures), tuple(notes)
+
+
+def _several_cameras(tags: Sequence[PhotoTags]) -> tuple[str, ...]:
+    """Return a remark where serial numbers tell several cameras of the model, whose lenses differ."""
+    serials = Counter(t.serial for t in tags if t.serial)
+    if len(serials) < 2:
+        return ()
+    each = listed([f"{count} of {brief(serial, 40)}" for serial, count in serials.most_common()])
+    return (
+        f"photographs of {len(serials)} cameras of one model by their serial numbers ({each}): one lens is "
+        "estimated for all, and focal lengths of one model differ by a percent or so, which heights follow; "
+        "map those of each camera alone",
+    )
 
 
 def _turned(tags: Sequence[PhotoTags]) -> tuple[str, ...]:

@@ -193,3 +193,18 @@ def test_control_points_in_the_folder_are_read(tmp_path):
     assert (point.name, len(point.views)) == ("gate", len(rows))
     assert warned(again, "gcp_list.txt, line 5", "no.jpg")
     assert flight.surveyed == ()
+
+
+@pytest.mark.parametrize("of_exif", [False, True])
+def test_two_cameras_of_one_model_are_told_by_their_serial_numbers(tmp_path, of_exif):
+    numbers = ["1ZN", "1ZN", "2AB"]
+    tag = ExifTags.Base.BodySerialNumber
+    files = {
+        f"P{k}.jpg": jpeg(tags={tag: number}) if of_exif else jpeg(drone={"DroneSerialNumber": number})
+        for k, number in enumerate(numbers)
+    }
+    assert warned(
+        import_photos(fill(tmp_path / "both", files)), "2 cameras of one model", "2 of 1ZN, 1 of 2AB"
+    )
+    del files["P2.jpg"]
+    assert not warned(import_photos(fill(tmp_path / "one", files)), "cameras of one model")
