@@ -15,13 +15,12 @@ Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-MAX_AXIS_OFF_NADIR = np.radians(60.0)
-"""Largest tilt of the optical axis. Pictures with a larger tilt are not used."""
 TABLE_PX = 4.0
 """Distance of the nodes between which the distortion is interpolated. `cv2.remap` rounds positions to 1/32 of
 it, which is an error of 0.01 px where distortion stretches the picture by 10 %."""
 MAX_OFF_NADIR = np.radians(70.0)
-"""Largest angle of a ray off nadir. Floor seen at a larger angle is not used."""
+"""Largest angle of a ray off nadir. Floor seen at a larger angle is not used: a pixel of it is
+1 / cos(70 deg)^1.5 = 5 times as wide as straight below, and 3 times as long as it is wide."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class MosaicView:
     outline_m: Array
     """(n, 2) border of the visible floor, point by point around it."""
     gsd_m: float
-    """Ground sample distance in the centre of the picture."""
+    """Ground sample distance in the centre of the picture, or where it ends if the centre is beyond that."""
     max_off_axis_cos: float
     """Cosine of the largest angle off the optical axis. The distortion model is invalid beyond it."""
 
@@ -89,8 +88,6 @@ def mosaic_view(
     height = float(w_T_c[2, 3] - floor_z_m)
     if height <= 0:
         return "camera below the floor"
-    if -w_T_c[2, 2] < np.cos(MAX_AXIS_OFF_NADIR):
-        return "looks towards the horizon"
     pixel_H_floor = np.linalg.inv(camera.floor_H_image(w_T_b, floor_z_m))
     rays = camera.rays(camera.undistort(_border(camera)))
     off_axis_cos = 1.0 / np.linalg.norm(rays, axis=1)
@@ -98,9 +95,13 @@ def mosaic_view(
     direction = rays @ w_T_c[:3, :3].T
     level = np.linalg.norm(direction[:, :2], axis=1)
     slope = np.divide(level, -direction[:, 2], out=np.full(len(level), np.inf), where=direction[:, 2] < 0)
+    # A wide lens may show what is straight below with all of its border beyond.
+    axis_is_near = -w_T_c[2, 2] > np.cos(MAX_OFF_NADIR)
+    if not axis_is_near and slope.min() >= np.tan(MAX_OFF_NADIR):
+        return "looks towards the horizon"
     reach = height * np.minimum(slope, np.tan(MAX_OFF_NADIR))
     edge = w_T_c[:2, 3] + direction[:, :2] / np.maximum(level, 1e-12)[:, None] * reach[:, None]
-    depth = height / -w_T_c[2, 2]
+    depth = height / max(-w_T_c[2, 2], np.cos(MAX_OFF_NADIR))
     gsd = float(np.sqrt(depth**3 / abs(np.linalg.det(pixel_H_floor))))
     bounds = bounds_of(edge) if bounds_m is None else bounds_m
     return MosaicView(

@@ -219,7 +219,7 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     if flight.sonar is not None:
         lines += sonar_anomalies(flight.sonar)
     if flight.attitude is not None:
-        lines += _attitude_anomalies(flight.attitude)
+        lines += _attitude_anomalies(flight.attitude, flight.all_keyframes)
     if flight.imu is not None:
         lines += imu_anomalies(flight.imu)
     if flight.velocity is not None:
@@ -257,7 +257,8 @@ def _not_overlapping(streams: list[StreamInfo]) -> list[str]:
     return lines
 
 
-def _attitude_anomalies(attitude: AttitudeSeries) -> list[str]:
+def _attitude_anomalies(attitude: AttitudeSeries, of_photographs: bool) -> list[str]:
+    """Return what is odd about angles. Those of photographs are judged at import, by what each shows."""
     lines = []
     for axis, name in enumerate(("roll", "pitch", "yaw")):
         angle = attitude.roll_pitch_yaw_rad[:, axis]
@@ -269,7 +270,7 @@ def _attitude_anomalies(attitude: AttitudeSeries) -> list[str]:
                 f"attitude0: {name} is unwrapped: it goes beyond ±pi, up to {far:.1f} rad; check that "
                 "it is in radians"
             )
-        elif name != "yaw" and far > 1.0:
+        elif name != "yaw" and far > 1.0 and not of_photographs:
             lines.append(
                 f"attitude0: {name} reaches {math.degrees(far):.0f} deg, where pictures do not show the "
                 "ground below; check its unit and axes"

@@ -12,6 +12,9 @@ Array = NDArray[np.float64]
 
 MAX_TILT_DEG = 30.0
 """Largest angle between straight down and the axis of a sensor that looks at the floor."""
+LEAST_FALL = 0.17
+"""Smallest downward component of a unit vector that still meets the floor. Within 10 degrees of the horizon
+neither a picture nor an echo gives information about it."""
 _DOWN_WORDS = {"down", "downward", "bottom", "belly", "nadir", "below"}
 _ASIDE_WORDS = {"front", "forward", "ahead", "left", "right", "rear", "back", "up", "upward", "side", "top"}
 

@@ -1,18 +1,22 @@
-"""Attitude readings by which the camera looks at the sky, while its pictures match as only a floor does."""
+"""The floor that pictures show, by the attitude: none of it where they look at the horizon or the sky."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from backend.wording import either
 from frontend.camera import Camera
-from slam.core.flight import Flight
+from slam.core.flight import Flight, Image
+from slam.core.rotations import rotation_of
+from slam.io.down_looking import LEAST_FALL
+from slam.mapping.keyframe_readings import attitudes_at
+from slam.mapping.obstacles import Masks, no_masks
 
-LEAST_FALL = 0.17
-"""Smallest downward component of a unit vector that still meets the floor. Within 10 degrees of the horizon
-neither a picture nor an echo gives information about it."""
+NODES = 64
+"""Nodes of a mask along the longer side of a picture: about a degree apart, finer than a gimbal's errors."""
 
 
 def without_horizon_frames(flight: Flight, camera: Camera) -> Flight:
@@ -37,3 +41,47 @@ def without_horizon_frames(flight: Flight, camera: Camera) -> Flight:
     left = np.where(away[:, None], np.nan, angles)
     attitude = None if away.all() else replace(flight.attitude, roll_pitch_yaw_rad=left)
     return replace(flight, attitude=attitude).with_warning(warning)
+
+
+def horizon_masks(flight: Flight, camera: Camera) -> Masks:
+    """Return the masks of what pictures show near the horizon and above it, by the attitude.
+
+    Clouds, and hills that are far away, match from picture to picture as a plane at infinity does. Pictures
+    that show none of it, or have no attitude, are looked at as a whole.
+    """
+    if flight.attitude is None or flight.frames is None:
+        return no_masks
+    width, height = camera.size_px
+    step = max(width, height) / NODES
+    u, v = np.meshgrid(np.arange(0.5 * step, width, step), np.arange(0.5 * step, height, step))
+    rays = camera.rays(camera.undistort(np.column_stack([u.ravel(), v.ravel()]))) @ camera.b_T_c[:3, :3].T
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    edge = np.zeros(u.shape, dtype=bool)
+    edge[[0, -1]] = edge[:, [0, -1]] = True
+    up = rotation_of(np.nan_to_num(flight.attitude.roll_pitch_yaw_rad))[:, 2]
+    if not (up @ rays[edge.ravel()].T > -LEAST_FALL).any():
+        return no_masks
+    angles = {a.k: a.roll_pitch_yaw_rad for a in attitudes_at(flight.attitude, flight.frames.stamps_s, 0.0)}
+
+    def mask(frame: int) -> Image | None:
+        if frame not in angles:
+            return None
+        shown = rays @ rotation_of(angles[frame])[2] <= -LEAST_FALL
+        if shown.all():
+            return None
+        nodes = 255 * shown.reshape(u.shape).astype(np.uint8)
+        return np.asarray(cv2.resize(nodes, camera.size_px, interpolation=cv2.INTER_NEAREST))
+
+    return mask
+
+
+def joined(a: Masks, b: Masks) -> Masks:
+    """Return masks that hide what either of two hides."""
+    if no_masks in (a, b):
+        return b if a is no_masks else a
+
+    def mask(frame: int) -> Image | None:
+        found = [mask for mask in (a(frame), b(frame)) if mask is not None]
+        return np.minimum.reduce(found) if found else None
+
+    return mask

@@ -27,6 +27,7 @@ from slam.mapping.config import PipelineConfig
 from slam.mapping.contradicted_step import ContradictedStep
 from slam.mapping.earlier_pass import EarlierPass, comparison_key
 from slam.mapping.floor_views import FloorViews
+from slam.mapping.floor_visibility import horizon_masks, joined
 from slam.mapping.obstacles import Masks, no_masks
 from slam.mapping.search_radius import SearchRadius
 
@@ -140,11 +141,13 @@ class FrontEnd:
         earlier: EarlierPass | None = None,
         masks: Masks = no_masks,
     ) -> None:
-        """``earlier``: work on the same pictures without masks. ``masks``: pixels that are not used."""
+        """``earlier``: work on the same pictures without masks. ``masks``: pixels that are not used, beside
+        those near the horizon by the attitude (`slam.mapping.floor_visibility`)."""
         width = camera.size_px[0]
         self.flight, self.camera, self.config, self.progress = flight, camera, config, progress
         self.earlier, self.work = earlier or EarlierPass(), EarlierPass()
-        self.masks = masks
+        self.is_masked = masks is not no_masks
+        self.masks = joined(masks, horizon_masks(flight, camera))
         self.homography = config.homography.for_width(width)
         self.extractor = extractor_of(config, camera)
 
@@ -182,7 +185,7 @@ class FrontEnd:
         unreadable = {k: f"unreadable: {reason}" for k, reason in flight.frames.failures.items()}
         failures = unreadable | tracked.failures
         index = np.array(tracked.frame_index, dtype=np.int64)
-        if self.masks is no_masks:
+        if not self.is_masked:
             # Features on moving objects were removed.
             whole = {frame: k for k, frame in enumerate(tracked.frame_index) if frame not in tracker.moving}
             self.work = EarlierPass(tracked.store, whole)

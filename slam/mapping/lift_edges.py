@@ -13,7 +13,7 @@ from backend.measurements import EdgeKind, RelativePose
 from backend.pose_graph.heights import HeightEstimate, adjust_heights
 from frontend.lift import LiftedPoses, level_T_body, lift
 from frontend.registration import Registration
-from slam.mapping.floor_visibility import LEAST_FALL
+from slam.io.down_looking import LEAST_FALL
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]

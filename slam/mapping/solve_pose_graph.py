@@ -13,7 +13,7 @@ from backend.pose_graph.solve import solve
 from backend.quantiles import chi_square_quantile
 from slam.core.heap import trim_heap
 from slam.core.units import unit
-from slam.mapping.floor_visibility import LEAST_FALL
+from slam.io.down_looking import LEAST_FALL
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.lift_edges import LEAST_HEIGHT_STD, Edges
 from slam.mapping.setup import Setup

@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.control_points import PictureView, SurveyedPoint
-from slam.core.flight import Flight, Frames, GeoOrigin, Gps
+from slam.core.flight import AttitudeSeries, Flight, Frames, GeoOrigin, Gps
 from slam.core.geodesy import geodetic_from_enu
+from slam.core.rotations import roll_pitch_yaw_of
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)
 SIZE_PX, FOCAL_PX, HEIGHT_M = (480, 360), 480.0, 30.0
@@ -53,30 +54,95 @@ def seen_in(w_T_c: np.ndarray, place: np.ndarray) -> np.ndarray | None:
     return pixel if ((pixel > 5) & (pixel < np.array(SIZE_PX) - 5)).all() else None
 
 
-def picture(w_T_c: np.ndarray) -> np.ndarray:
-    corners = np.array([(0, 0), (SIZE_PX[0], 0), SIZE_PX, (0, SIZE_PX[1])], np.float32)
-    cells = []
-    for u, v in corners:
-        ray = w_T_c[:3, :3] @ [(u - CENTER_PX[0]) / FOCAL_PX, (v - CENTER_PX[1]) / FOCAL_PX, 1.0]
-        east, north, _ = w_T_c[:3, 3] - ray * w_T_c[2, 3] / ray[2]
-        cells.append(((east - WEST_M) / CELL_M - 0.5, (NORTH_M - north) / CELL_M - 0.5))
-    turn = cv2.getPerspectiveTransform(np.array(cells, np.float32), corners)
-    return cv2.warpPerspective(ground(), turn, SIZE_PX, flags=cv2.INTER_AREA)
+@lru_cache
+def clouds() -> np.ndarray:
+    """The sky by direction: rows of a tenth of a degree from the horizon up, columns once around."""
+    rng = np.random.default_rng(11)
+    total = np.zeros((900, 3600), np.float32)
+    for cells in (20, 60, 150):
+        blots = rng.normal(0, 1, (cells, 4 * cells)).astype(np.float32)
+        total += cv2.resize(blots, (3600, 900), interpolation=cv2.INTER_CUBIC)
+    return np.dstack([np.clip(200 + 25 * total, 0, 255).astype(np.uint8)] * 3)
 
 
-def poses(rows: int, columns: int, rng: np.random.Generator) -> np.ndarray:
-    """Strips to the north and back, 60 % overlap along and across, tilts of some degrees."""
+def picture(w_T_c: np.ndarray, focal_px: float = FOCAL_PX) -> np.ndarray:
+    """The ground, mirrored beyond its border, and clouds above the horizon."""
+    columns, rows = SIZE_PX
+    u, v = np.meshgrid(np.arange(columns), np.arange(rows))
+    x, y = (u - CENTER_PX[0]) / focal_px, (v - CENTER_PX[1]) / focal_px
+    east, north, up = (row[0] * x + row[1] * y + row[2] for row in w_T_c[:3, :3])
+    there = w_T_c[2, 3] / np.where(up < 0, -up, np.inf)
+    cells = (w_T_c[0, 3] + there * east - WEST_M, NORTH_M - w_T_c[1, 3] - there * north)
+    at = [(distance / CELL_M - 0.5).astype(np.float32) for distance in cells]
+    shown = cv2.remap(ground(), *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+    above = up >= 0
+    if above.any():
+        around = (np.degrees(np.arctan2(east, north)) % 360)[above] / 0.1
+        shown[above] = clouds()[
+            (np.degrees(np.arctan2(up, np.hypot(east, north)))[above] / 0.1).astype(int),
+            around.astype(int) % 3600,
+        ]
+    return shown
+
+
+def poses(
+    rows: int, columns: int, rng: np.random.Generator, forward_rad: float = 0.0, tilt_std_rad: float = 0.05
+) -> np.ndarray:
+    """Strips to the north and back, 60 % overlap along and across, tilts of some degrees.
+
+    A camera that looks forward, and not down, is not turned at the end of a strip: it looks to the north.
+    """
     out = []
     for column in range(columns):
         for row in range(rows) if column % 2 == 0 else reversed(range(rows)):
             T = np.eye(4)
-            heading = 0.0 if column % 2 == 0 else np.pi
-            lean = Rotation.from_euler("zyx", [heading, *rng.normal(0, 0.05, 2)])
+            heading = 0.0 if column % 2 == 0 or forward_rad else np.pi
+            lean = Rotation.from_euler("zyx", [heading, *rng.normal(0, tilt_std_rad, 2)])
+            lean *= Rotation.from_euler("x", forward_rad)
             # North is up in the picture of a camera that flies north.
             T[:3, :3] = (lean * Rotation.from_euler("x", np.pi)).as_matrix()
             T[:3, 3] = [12.0 * column, 9.0 * row, HEIGHT_M + rng.normal(0, 1.0)]
             out.append(T)
     return np.array(out)
+
+
+def photographed(
+    w_T_c: np.ndarray,
+    rng: np.random.Generator,
+    gps_std_m: float,
+    datum_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    focal_px: float = FOCAL_PX,
+) -> Flight:
+    """Photographs from true poses (n, 4, 4), with GPS that has noise and lies off by ``datum_m``."""
+    n = len(w_T_c)
+    names = tuple(f"photo_{k:02}.jpg" for k in range(n))
+    camera = Camera((focal_px, focal_px), CENTER_PX, SIZE_PX, b_T_c=NADIR_B_T_C)
+    fixes = w_T_c[:, :3, 3] + rng.normal(0, gps_std_m, (n, 3)) + datum_m
+    stamps_s = 2.0 * np.arange(n)
+    gps = Gps(stamps_s, *geodetic_from_enu(fixes, ORIGIN), noise_std_m=(gps_std_m,) * 3)
+    frames = Frames(stamps_s, names, lambda k: picture(w_T_c[k], focal_px))
+    return Flight("survey", camera=camera, frames=frames, gps=gps, all_keyframes=True)
+
+
+def with_gimbal(flight: Flight, w_T_c: np.ndarray, rng: np.random.Generator) -> Flight:
+    """The flight with the angles of a gimbal: heading good to 5 degrees, tilt and turn of the picture to 2.
+
+    They turn about the world's up, about the level axis across the view, and about the optical axis.
+    """
+    angles, squares = [], []
+    for R in w_T_c[:, :3, :3]:
+        across = np.cross(R[:, 2], [0, 0, 1.0])
+        across = R[:, 0] if np.linalg.norm(across) < 0.1 else across / np.linalg.norm(across)
+        turns = np.radians([5.0, 2.0, 2.0]) * rng.normal(0, 1, 3)
+        off = np.eye(3)
+        for axis, turn in zip((np.array([0, 0, 1.0]), across, R[:, 2]), turns, strict=True):
+            off = off @ Rotation.from_rotvec(turn * axis).as_matrix()
+        angles.append(roll_pitch_yaw_of(off @ R @ NADIR_B_T_C[:3, :3].T))
+        squares.append(R[2, 2] ** -2)
+    # A turn about the axis is a roll times the tangent of the tilt, and a heading over its cosine.
+    roll, yaw = max(2.0, 2 * np.sqrt(np.mean(squares) - 1)), max(5.0, 2 * np.sqrt(np.mean(squares)))
+    std_rad = tuple(np.radians([roll, 2.0, yaw]).tolist())
+    return replace(flight, attitude=AttitudeSeries(flight.frames.stamps_s, np.array(angles), std_rad))
 
 
 def survey(
@@ -92,13 +158,8 @@ def survey(
     """Photographs whose GPS has noise and lies off by ``datum_m``, and points P0.. with noise of survey."""
     rng = np.random.default_rng(seed)
     w_T_c = poses(rows, columns, rng)
-    n = len(w_T_c)
-    names = tuple(f"photo_{k:02}.jpg" for k in range(n))
-    camera = Camera((FOCAL_PX, FOCAL_PX), CENTER_PX, SIZE_PX, b_T_c=NADIR_B_T_C)
-    fixes = w_T_c[:, :3, 3] + rng.normal(0, gps_std_m, (n, 3)) + datum_m
-    stamps_s = 2.0 * np.arange(n)
-    gps = Gps(stamps_s, *geodetic_from_enu(fixes, ORIGIN), noise_std_m=(gps_std_m,) * 3)
-    frames = Frames(stamps_s, names, lambda k: picture(w_T_c[k]))
+    flight = photographed(w_T_c, rng, gps_std_m, datum_m)
+    names = flight.frames.names
     places, surveyed = [], []
     while len(places) < points:
         east, north = rng.uniform(-6, 12 * (columns - 1) + 6), rng.uniform(-6, 9 * (rows - 1) + 6)
@@ -111,7 +172,6 @@ def survey(
         shown = tuple(PictureView(name, *uv.tolist()) for name, uv in marked)
         surveyed.append(SurveyedPoint(f"P{len(places)}", lat, lon, alt, shown))
         places.append(place)
-    flight = Flight("survey", camera=camera, frames=frames, gps=gps, all_keyframes=True)
     return Survey(replace(flight, surveyed=tuple(surveyed)), w_T_c, np.array(places))
 
 

@@ -82,6 +82,8 @@ def grow_consistent_set(
         if samples is None:
             break
         left = np.flatnonzero(~kept & (rejections < _MAX_REJECTIONS))
+        if not len(left):
+            return GrownSet(kept, w_T, True)
         scale = noise_scale(problem, kept, w_T)
         if number == 0:
             scale = first_scale(innovations(problem, w_T, samples, left), growth.place[left])

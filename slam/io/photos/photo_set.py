@@ -1,4 +1,4 @@
-"""Selection of the photographs of a flight: readable, of one camera and band, and looking down."""
+"""Selection of the photographs of a flight: readable, of one camera and band, and showing the ground."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, body_from_mount, ti
 from slam.io.photos.bands import band_of, chosen_band
 from slam.io.photos.camera import relative_focal
 from slam.io.photos.exif import Angles, PhotoTags, read_tags
+from slam.io.photos.ground_in_view import why_no_ground
 from slam.io.photos.search import find_photos
 from slam.io.photos.unused_tags import unused_tags
 from slam.io.photos.zoom import zooms
@@ -51,6 +52,18 @@ class AttitudeSource:
     std_deg: Angles
     """Standard deviations of roll, pitch, yaw."""
 
+    def at_tilts(self, w_R_b: Sequence[Array]) -> AttitudeSource:
+        """Return the source with the noise of attitudes (3, 3) that lean, in the mean of squares.
+
+        A turn about the optical axis is one of the heading straight down. At a tilt t it is a roll times
+        tan t and a heading over cos t.
+        """
+        fall = np.array([R[2, 2] for R in w_R_b])
+        level_deg, pitch_deg, yaw_deg = self.std_deg
+        roll_deg = level_deg * float(np.sqrt(np.mean(fall**-2 - 1)))
+        heading_deg = level_deg * float(np.sqrt(np.mean(fall**-2)))
+        return replace(self, std_deg=(max(level_deg, roll_deg), pitch_deg, max(yaw_deg, heading_deg)))
+
 
 @dataclass(frozen=True)
 class PhotoSet:
@@ -74,7 +87,7 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
     photos = _read(found.photos, left_out, progress)
     photos, band_remarks = _of_one_band(photos, band, left_out)
     source = _attitude_source([photo.tags for photo in photos])
-    photos = _down_looking([_with_attitude(photo, source) for photo in photos], left_out)
+    photos = _of_ground([_with_attitude(photo, source) for photo in photos], left_out)
     photos = _of_one_camera(photos, left_out)
     total = len(found.photos) + sum(map(len, found.left_out.values()))
     lines = tuple(
@@ -85,7 +98,8 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
         raise refusal(
             folder, f"no photograph in it can be used: {'; '.join(lines)}", "repair or replace them"
         )
-    without = sum(photo.w_R_b is None for photo in photos)
+    leaning = [photo.w_R_b for photo in photos if photo.w_R_b is not None]
+    without = len(photos) - len(leaning)
     faults = unused_tags(
         "attitude", [(photo.name, photo.tags.attitude_faults) for photo in photos if photo.w_R_b is None]
     )
@@ -95,8 +109,9 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
             "as a tilted camera bends the map"
         )
     else:
+        source = source.at_tilts(leaning)
         roll, pitch, yaw = source.std_deg
-        good = f"{max(roll, pitch):g} degrees and the heading to {yaw:g}"
+        good = f"{max(roll, pitch):.2g} degrees and the heading to {yaw:.2g}"
         attitude = f"attitude from {source.description}, assumed to be good to {good}"
         attitude = Note(attitude + (f"; {counted(without, 'photograph')} without it" if without else ""))
     remarks = (*found.remarks, *lines, *band_remarks, *faults, attitude)
@@ -173,19 +188,18 @@ def _with_attitude(photo: Photo, source: AttitudeSource | None) -> Photo:
     return photo if source is None or angles is None else replace(photo, w_R_b=source.w_R_b(*angles))
 
 
-def _down_looking(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> list[Photo]:
-    """Return the photographs that look down or have no attitude."""
-    down = []
+def _of_ground(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> list[Photo]:
+    """Return the photographs that show useful ground or have no attitude."""
+    kept = []
     for photo in photos:
-        if photo.w_R_b is not None and tilt_deg(photo.w_R_b) > MAX_TILT_DEG:
-            reason = (
-                f"looks more than {MAX_TILT_DEG:g} degrees away from straight down by its tags; this map "
-                "needs the camera down; where the tags are wrong, remove their angles"
-            )
+        tags, reason = photo.tags, ""
+        if photo.w_R_b is not None:
+            reason = why_no_ground(photo.w_R_b, tags.size_px, relative_focal(tags))
+        if reason:
             left_out[reason].append(photo.name)
         else:
-            down.append(photo)
-    return down
+            kept.append(photo)
+    return kept
 
 
 def _of_one_camera(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> list[Photo]:

@@ -18,8 +18,8 @@ from frontend.camera import Camera
 from frontend.lift import level_T_body, lift
 from frontend.registration import Registration
 from frontend.tracked import IntermediateFrame
+from slam.io.down_looking import LEAST_FALL
 from slam.mapping.config import PipelineConfig
-from slam.mapping.floor_visibility import LEAST_FALL
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.lift_edges import LEAST_HEIGHT_STD
 from slam.mapping.solve_pose_graph import tilt_of

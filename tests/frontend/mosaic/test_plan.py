@@ -60,7 +60,7 @@ def test_unusable_poses_are_counted_with_their_reason() -> None:
             pose(0, 0, 2),
             np.full((4, 4), np.nan),
             pose(0, 0, -1),
-            pose(0, 0, 2, 0, 1.2),
+            pose(0, 0, 2, 0, 2.0),
             pose(500, 0, 2),
             pose(0.5, 0, 2, 0, 0.6),
         ]
@@ -82,6 +82,16 @@ def test_no_usable_picture_is_an_error_with_the_reason() -> None:
         plan_mosaic(CAMERA, np.array([pose(0, 0, -1)]))
     with pytest.raises(MosaicError, match="there are none"):
         plan_mosaic(CAMERA, np.zeros((0, 4, 4)))
+
+
+@pytest.mark.parametrize("pitch", [1.1, 1.2, 1.3, 1.4])
+def test_a_picture_is_drawn_as_far_as_its_ground_is_near_wherever_it_points(pitch: float) -> None:
+    """Its axis may point beyond the ground that is drawn: the pixel stays that of the near part."""
+    view = mosaic_view(WIDE, 0, pose(0, 0, 2, 0, pitch), FLOOR_Z_M)
+    assert isinstance(view, MosaicView)
+    reach_m = 2 * np.tan(np.radians(70))
+    assert np.linalg.norm(view.outline_m, axis=1).max() == pytest.approx(reach_m)
+    assert view.gsd_m <= view.nadir_gsd_m * np.cos(np.radians(70)) ** -1.5 * (1 + 1e-9)
 
 
 def test_picture_that_sees_the_horizon_keeps_its_near_part() -> None:

@@ -1,4 +1,4 @@
-"""Attitudes by which the camera looks at the sky are no attitudes of pictures of the floor."""
+"""What looks at the sky: attitudes that are none of pictures of the floor, and parts of pictures."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.core.flight import AttitudeSeries, Flight
-from slam.mapping.floor_visibility import without_horizon_frames
+from slam.core.flight import AttitudeSeries, Flight, Frames
+from slam.mapping.floor_visibility import horizon_masks, joined, without_horizon_frames
+from slam.mapping.obstacles import no_masks
 
 CAMERA = Camera((150.0, 150.0), (87.5, 71.5), (176, 144), b_T_c=NADIR_B_T_C)
 
@@ -32,3 +33,34 @@ def test_what_looks_away_is_left_out_and_counted(away):
 
 def test_an_attitude_upside_down_throughout_is_like_none():
     assert without_horizon_frames(flight(*[(3.1, 0.0, 0.0)] * 4), CAMERA).attitude is None
+
+
+def seen(*angles) -> Flight:
+    made = flight(*angles)
+    frames = Frames(made.attitude.stamps_s, tuple(map(str, range(len(angles)))), lambda frame: None)
+    return Flight("made", attitude=made.attitude, frames=frames)
+
+
+def test_what_lies_near_the_horizon_or_above_it_is_hidden():
+    """The camera looks 65 degrees ahead: what is 80 degrees off straight down is 15 degrees over its axis."""
+    mask = horizon_masks(seen((0.0, 0.0, 0.5), (0.0, np.radians(-65), 0.5), (np.nan, 0.0, 0.0)), CAMERA)
+    assert mask(0) is None
+    assert mask(2) is None
+    row = CAMERA.center_px[1] - CAMERA.focal_px[1] * np.tan(np.radians(15))
+    shown = mask(1)
+    assert shown.shape == CAMERA.size_px[::-1]
+    assert not shown[: int(row) - 3, 87].any()
+    assert shown[int(row) + 4 :, 87].all()
+
+
+def test_pictures_without_a_horizon_are_looked_at_as_a_whole():
+    assert horizon_masks(seen((0.1, -0.5, 0.0), (0.3, 0.2, 0.0)), CAMERA) is no_masks
+    assert horizon_masks(Flight("bare"), CAMERA) is no_masks
+
+
+def test_either_of_two_masks_hides():
+    left, right = np.array([[0, 255, 255]], np.uint8), np.array([[255, 255, 0]], np.uint8)
+    both = joined(lambda frame: left, lambda frame: right if frame else None)
+    assert both(0).tolist() == left.tolist()
+    assert both(1).tolist() == [[0, 255, 0]]
+    assert joined(no_masks, no_masks)(0) is None

@@ -100,6 +100,17 @@ def test_time_limit_ends_the_search():
     assert np.isfinite(s.w_T_b).all()
 
 
+def test_a_growth_without_anything_left_to_judge_is_complete():
+    """Joints between chains may have taken all loops. That ended with an internal error."""
+    problem, _ = from_measurements(flight(6, n=20, loops=3).measurements, None)
+    every, w_T = np.ones(len(problem.i), dtype=bool), problem.initial
+    grown = agreement.grow_consistent_set(
+        problem, every, w_T, lambda kept, w_T: w_T, lambda kept, w_T: np.zeros((20, 6, 4)), lambda *_: None
+    )
+    assert grown.is_complete
+    assert grown.kept.all()
+
+
 def test_a_growth_that_is_cut_off_is_in_the_status(monkeypatch):
     made, _ = falsified(flight(6, n=80, loops=20), 12, seed=1)
     assert solve(made.measurements, covariances=False).status == "ok"

@@ -150,8 +150,8 @@ def test_refusals(tmp_path):
     fill(tmp_path, {"photos.zip": b"PK"})
     assert "unpack" in refused(tmp_path / "photos.zip")
     assert "empty file (a.jpg)" in refused(fill(tmp_path / "bad", {"a.jpg": b""}))
-    oblique = strip(2, drone=NADIR | {"GimbalPitchDegree": "-10"})
-    assert "straight down" in refused(fill(tmp_path / "oblique", oblique))
+    oblique = strip(2, drone=NADIR | {"GimbalPitchDegree": "-5"})
+    assert "up to the horizon, is too coarse" in refused(fill(tmp_path / "oblique", oblique))
 
 
 @pytest.mark.parametrize("seed", range(4))

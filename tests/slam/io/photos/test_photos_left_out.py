@@ -57,13 +57,30 @@ def test_invalid_positions_are_ignored(tmp_path, gps):
     assert import_photos(fill(tmp_path, {"a.jpg": jpeg(gps=gps)})).gps is None
 
 
-def test_photographs_that_do_not_look_down_are_left_out(tmp_path):
+@pytest.mark.parametrize("film_mm", [24, 150])
+def test_photographs_are_left_out_that_show_little_useful_ground(tmp_path, film_mm):
+    """Oblique ones stay. At 70 degrees, where ground is five times as coarse, half is useful."""
+    pitches = (-90, -60, -45, -30, -24, -18, 0, 10)
     files = {
-        f"{-p}.jpg": jpeg(drone=NADIR | {"GimbalPitchDegree": str(p)}) for p in (-90, -75, -61, -59, -45, 0)
+        f"{10 - pitch}.jpg": jpeg(
+            drone=NADIR | {"GimbalPitchDegree": str(pitch)},
+            tags={Base.FocalLengthIn35mmFilm: film_mm},
+            seed=k,
+        )
+        for k, pitch in enumerate(pitches)
     }
     flight = import_photos(fill(tmp_path, files))
-    assert set(flight.frames.names) == {"90.jpg", "75.jpg", "61.jpg"}
-    assert warned(flight, "3 of 6 photographs left out", "straight down", "0.jpg, 45.jpg, 59.jpg")
+    assert set(flight.frames.names) == {f"{10 - pitch}.jpg" for pitch in pitches if pitch < -20}
+    assert warned(flight, "3 of 8 photographs left out: less than half", "0.jpg, 10.jpg, 28.jpg")
+
+
+def test_the_noise_of_angles_grows_with_the_tilt(tmp_path):
+    """At 60 degrees a turn of 2 degrees about the optical axis is a roll of 2 tan 60 and a heading of 4."""
+    drone = NADIR | {"GimbalPitchDegree": "-30"}
+    flight = import_photos(fill(tmp_path, strip(3, drone=drone)))
+    assert np.degrees(flight.attitude.noise_std_rad) == pytest.approx((2 * np.sqrt(3), 2, 5))
+    assert warned(flight, "assumed to be good to 3.5 degrees and the heading to 5")
+    assert np.degrees(flight.attitude.roll_pitch_yaw_rad) == pytest.approx(np.array([[0, -60, 90]] * 3))
 
 
 def test_photographs_of_another_camera_are_left_out_by_name(tmp_path):
