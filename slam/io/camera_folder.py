@@ -17,6 +17,7 @@ from slam.io.csv_stream import CsvTable
 from slam.io.files import brief, check_inside, refusal
 from slam.io.images import PictureFiles, UnreadableImageError, common_levels, image_size
 from slam.io.sensor_yaml import YamlFile
+from slam.io.transparent_pixels import transparent_pixels
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 RADTAN = ("radial-tangential", "radtan", "plumb_bob", "none", "")
@@ -177,6 +178,7 @@ def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes:
             "add a line for each that the map shall use"
         )
     _check_sizes(paths, camera, notes)
+    notes += transparent_pixels(paths)
     stamps_s = ((table.stamps_ns - epoch_ns) * 1e-9).astype(float)
     files = PictureFiles(paths, camera.size_px, common_levels(paths, notes))
     return Frames(stamps_s, table.names, files, files.failures)

@@ -31,6 +31,7 @@ from slam.io.photos.exif import PhotoTags
 from slam.io.photos.geotag_table import with_geotags
 from slam.io.photos.gps import photo_gps
 from slam.io.photos.photo_set import AttitudeSource, Photo, select_photos
+from slam.io.transparent_pixels import transparent_pixels
 
 Array = NDArray[np.float64]
 
@@ -155,7 +156,7 @@ def _heights_above_takeoff(tags: Sequence[PhotoTags], stamps_s: Array) -> Scalar
 
 def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[str, ...]]:
     paths = tuple(photo.path for photo in photos)
-    notes: list[str] = []
+    notes = transparent_pixels(paths)
     files = PictureFiles(paths, photos[0].tags.size_px, common_levels(paths, notes))
     return Frames(stamps_s, tuple(photo.name for photo in photos), files, files.failures), tuple(notes)
 
