@@ -28,6 +28,8 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     folder = exported.photos
     assert folder is not None
     paths = dict(find_photos(folder).photos)
+    # Pictures of several flights are known by their place in the folder above.
+    paths = {path.relative_to(folder).as_posix().replace("/", "_"): path for path in paths.values()} | paths
     left_out: dict[str, list[str]] = defaultdict(list)
     positions = _positions(exported)
     for done, (name, position) in enumerate(positions.items()):
@@ -43,9 +45,9 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     exported.progress("photographs", len(positions), len(positions))
     lost = [f"{len(names)} left out: {reason} ({listed(names)})" for reason, names in left_out.items()]
     if sum(map(len, left_out.values())) == len(positions):
-        do = "give the folder that the map was made of"
+        do = "give the folder that the map was made of, or the one that holds those of all its flights"
         raise refusal(folder, f"no photograph of the map can be copied: {'; '.join(lost)}", do)
-    unused = len(paths.keys() - positions.keys())
+    unused = len(set(paths.values()) - {paths[name] for name in positions if name in paths})
     return (
         *lost,
         *(f"{counted(unused, 'photograph is', 'photographs are')} not on the map, and not copied",)
@@ -57,7 +59,7 @@ def _positions(exported: ExportedMap) -> dict[str, CameraPosition]:
     """Return the position of each placed photograph by its name."""
     camera = exported.estimate.camera
     assert camera is not None
-    cameras = exported.keyframes.of_sensor(camera.b_T_c)
+    cameras = exported.keyframes.in_one_folder().of_sensor(camera.b_T_c)
     if len({*cameras.names}) < len(cameras):
         raise InputError("--to exif: two photographs of the map have one name")
     places = zip(*exported.geodetic(cameras), strict=True)

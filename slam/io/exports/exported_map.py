@@ -69,6 +69,11 @@ class Keyframes:
         what = f"{len(others)} pictures left out: {reader} reads a name up to its first space"
         return plain, (f"{what} ({listed(others)})",)
 
+    def in_one_folder(self) -> Keyframes:
+        """Return the keyframes with names for one folder: pictures of several flights have the flight's name
+        before their own, with ``_`` between."""
+        return replace(self, names=tuple(name.replace("/", "_") for name in self.names))
+
     def of_sensor(self, b_T_s: Array) -> Keyframes:
         """Return the poses and covariances of a sensor that is mounted on the body."""
         change = adjoint(inverse(b_T_s))

@@ -22,6 +22,11 @@ from slam.io.exports.exported_map import ExportedMap, Keyframes
 Array = NDArray[np.float64]
 
 _PROJECTION = "EPSG:4326"
+_ONE_FOLDER = (
+    "OpenDroneMap reads pictures from one folder: those of several flights have the flight's name before "
+    "their own, as the copies of --to exif have"
+)
+"""Note about the names of pictures of several flights."""
 
 
 def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
@@ -29,7 +34,10 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     camera, origin = exported.estimate.camera, exported.estimate.origin
     assert camera is not None
     assert origin is not None
-    frames, notes = exported.keyframes.with_plain_names("OpenDroneMap")
+    named = exported.keyframes
+    frames, notes = named.in_one_folder().with_plain_names("OpenDroneMap")
+    if any("/" in name for name in named.names):
+        notes = (*notes, _ONE_FOLDER)
     cameras = frames.of_sensor(camera.b_T_c)
     latitude, longitude, altitude = exported.geodetic(cameras)
     angles_deg = np.degrees(_yaw_pitch_roll(cameras, latitude, longitude, origin))

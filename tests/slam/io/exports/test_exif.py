@@ -180,6 +180,19 @@ def test_a_set_comes_back_with_the_estimated_positions(tmp_path):
     np.testing.assert_allclose(gps.noise_std_m, np.sqrt(2.5) * np.array([1, 1, 2]), rtol=1e-3)
 
 
+@pytest.mark.parametrize("second", ["P0.jpg", "Q0.jpg"])
+def test_photographs_of_several_flights_are_copied_from_the_folder_above(tmp_path, second):
+    fill(
+        tmp_path / "photos", {"a/P0.jpg": jpeg(seed=1), f"b/{second}": jpeg(seed=2), "b/R.jpg": jpeg(seed=3)}
+    )
+    estimate = made_map(pose(), pose(), origin=ORIGIN, frame_names=("a/P0.jpg", f"b/{second}"))
+    notes = export_map(exported(estimate, photos=tmp_path / "photos"), "exif", tmp_path / "copies")
+    assert notes == ("1 photograph is not on the map, and not copied",)
+    copies = sorted((tmp_path / "copies").iterdir())
+    assert [path.name for path in copies] == ["a_P0.jpg", f"b_{second}"]
+    assert scan(copies[1].read_bytes()) == scan(jpeg(seed=2))
+
+
 def test_an_unknown_covariance_states_no_accuracy(tmp_path):
     fill(tmp_path / "photos", {"P0.jpg": jpeg(gps={GPS.GPSHPositioningError: 3.0})})
     estimate = made_map(pose(), covariances=np.full((1, 6, 6), np.nan), origin=ORIGIN)

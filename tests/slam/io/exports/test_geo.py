@@ -99,3 +99,12 @@ def test_without_an_altitude_a_line_ends_after_the_place(tmp_path):
     """Angles and accuracies are told by their place behind the altitude."""
     (row,) = rows(tmp_path, pose(), origin=GeoOrigin(0.0, 0.0, 0.0, altitude_known=False))
     assert row == ["P0.jpg", "0.0000000000", "0.0000000000"]
+
+
+def test_pictures_of_several_flights_have_names_for_one_folder(tmp_path):
+    """OpenDroneMap looks for the name of a file, without its folder."""
+    estimate = made_map(pose(), pose(), frame_names=("a/P0.jpg", "b/P0.jpg"))
+    (note,) = export_map(exported(estimate), "geo", tmp_path / "geo.txt")
+    assert "from one folder" in note
+    names = [line.split()[0] for line in (tmp_path / "geo.txt").read_text().splitlines()[1:]]
+    assert names == ["a_P0.jpg", "b_P0.jpg"]
