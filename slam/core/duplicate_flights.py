@@ -1,4 +1,5 @@
-"""Detection of recordings that are given twice: a copy adds no information and would be counted as new."""
+"""Detection of recordings that are given twice, or in part: a copy adds no information, and would be counted
+as new."""
 
 from __future__ import annotations
 
@@ -7,6 +8,7 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 
@@ -15,6 +17,8 @@ NOISY_STREAMS = ("imu", "attitude", "velocity", "sonar", "gps")
 battery, a barometer or a motor."""
 MIN_READINGS = 10
 """So many readings do not agree to the last digit by chance."""
+ALL_BUT = 0.1
+"""Greatest share of two cuts' common readings that differ: those at the edges may be cut or averaged."""
 
 
 def without_duplicates(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
@@ -28,6 +32,62 @@ def without_duplicates(flights: Sequence[Flight]) -> tuple[list[Flight], list[st
         else:
             notes.append(f"{flight.name}: the same recording as {first.name}; it was left out")
     return kept, notes
+
+
+def without_overlaps(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
+    """Return the flights without copies of an earlier one, and without cuts that share readings with one; and
+    a line for each that was left out."""
+    kept, notes = without_duplicates(flights)
+    apart: list[Flight] = []
+    for flight in kept:
+        common = ((shared_s(other, flight), other.name) for other in apart)
+        most_s, name = max(common, default=(0.0, ""))
+        if most_s == 0.0:
+            apart.append(flight)
+        else:
+            notes.append(f"{flight.name}: {most_s:.1f} s of its readings are in {name} too; it was left out")
+    return apart, notes
+
+
+def shared_s(a: Flight, b: Flight) -> float:
+    """Return for how many seconds noisy streams of two flights have the same readings to the last digit,
+    whatever their stamps."""
+    return max(_shared_s(getattr(a, name), getattr(b, name)) for name in NOISY_STREAMS)
+
+
+def _shared_s(a: Any, b: Any) -> float:
+    if a is None or b is None:
+        return 0.0
+    one, other = _readings(a), _readings(b)
+    if one.shape[1] != other.shape[1]:
+        return 0.0
+    # Readings that are met once in each, and by how many readings the second flight begins later.
+    rows = (np.unique(seen, axis=0, return_index=True, return_counts=True) for seen in (one, other))
+    places = [
+        {row.tobytes(): k for row, k, n in zip(*found, strict=True) if n == 1 and np.isfinite(row).any()}
+        for found in rows
+    ]
+    later = [k - places[1][row] for row, k in places[0].items() if row in places[1]]
+    if len(later) < MIN_READINGS:
+        return 0.0
+    values, counts = np.unique(later, return_counts=True)
+    shift, count = int(values[np.argmax(counts)]), int(counts.max())
+    begin, end = max(shift, 0), min(len(one), len(other) + shift)
+    same = (one[begin:end] == other[begin - shift : end - shift]).all(axis=1)
+    if count < MIN_READINGS or np.mean(~same) > ALL_BUT:
+        return 0.0
+    return float(a.stamps_s[end - 1] - a.stamps_s[begin])
+
+
+def _readings(stream: Any) -> NDArray[np.float64]:
+    """Return (n, k) all numbers of a stream's readings but their stamps; infinite where one is missing."""
+    count, tables = len(stream.stamps_s), []
+    for field in (f for f in fields(stream) if f.name != "stamps_s"):
+        values = np.asarray(getattr(stream, field.name))
+        if count and values.shape[:1] == (count,) and values.dtype.kind == "f":
+            tables.append(values.reshape(count, -1))
+    readings = np.column_stack([np.zeros((count, 0)), *tables])
+    return np.where(np.isnan(readings), np.inf, readings)
 
 
 def same_recording(a: Flight, b: Flight) -> bool:

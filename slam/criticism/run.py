@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from slam.core.arguments import flight_tuple
-from slam.core.duplicate_flights import without_duplicates
+from slam.core.duplicate_flights import without_overlaps
 from slam.core.flight import Flight, with_unique_names
 from slam.core.progress import Progress, show_compilation, silent
 from slam.core.ranges_at_body import ranges_at_body
@@ -18,7 +18,13 @@ from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.judge import judge
 from slam.criticism.verdict.sentence import unusable
 from slam.criticism.without_commands.explanation import explain_comparisons
-from slam.data_quality import axes_of_all, without_dead_streams, without_frozen
+from slam.data_quality import (
+    axes_of_all,
+    misstated_noise,
+    with_scattering_noise,
+    without_dead_streams,
+    without_frozen,
+)
 from slam.data_quality.commands import has_commands
 from slam.simulation.model import Model, load_model
 
@@ -37,28 +43,33 @@ def criticise(
     from threadpoolctl import threadpool_limits
 
     nominal = model if isinstance(model, Model) else load_model(model)
-    flights, repeated = without_duplicates(with_unique_names(flight_tuple(flights)))
-    flights = [ranges_at_body(flight) for flight in flights]
+    flights, repeated = without_overlaps(with_unique_names(flight_tuple(flights)))
+    noise = tuple(misstated_noise(flights))
+    flights = [with_scattering_noise(ranges_at_body(flight)) for flight in flights]
     why = NO_LOG if flights and not any(has_commands(flight) for flight in flights) else ""
     if not why and axes_of_all([without_dead_streams(flight)[0] for flight in flights])[0]:
         why = WRONG_AXES
     with threadpool_limits(1), show_compilation(progress):
-        known = flights, nominal, progress
+        known = flights, nominal, progress, noise
         found = _by_instruments(*known, why) if why else _with_commands(*known)
     return replace(found, dropped=(*repeated, *found.dropped))
 
 
-def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
+def _with_commands(
+    flights: Sequence[Flight], model: Model, progress: Progress, noise: tuple[str, ...]
+) -> Criticism:
     """Return the verdict on flights with command logs."""
     flights, readings = without_frozen(flights)
     prepared = prepare(flights, model, progress)
     if not prepared.records:
         return unusable(prepared.dropped or ["no flights"], prepared.dropped)
     found = search(prepared.records, prepared.nominal, prepared.limits, progress)
-    return judge(explain(prepared, found, readings, model, progress))
+    return judge(explain(prepared, found, readings, model, progress), noise)
 
 
-def _by_instruments(flights: Sequence[Flight], model: Model, progress: Progress, why: str) -> Criticism:
+def _by_instruments(
+    flights: Sequence[Flight], model: Model, progress: Progress, noise: tuple[str, ...], why: str
+) -> Criticism:
     """Return the verdict on flights whose instruments alone are compared, for the reason ``why``."""
     clean = [without_dead_streams(flight) for flight in flights]
     dropped = [f"{flight.name}: {reason}" for flight, reasons in clean for reason in reasons]
@@ -66,5 +77,5 @@ def _by_instruments(flights: Sequence[Flight], model: Model, progress: Progress,
     compared = explain_comparisons(kept, readings, model, why, progress)
     if compared is None:
         return unusable([f"{why}, and {NOTHING_TO_COMPARE}", *dropped], dropped)
-    criticism = judge(compared)
+    criticism = judge(compared, noise)
     return replace(criticism, dropped=(*dropped, *criticism.dropped))

@@ -12,14 +12,17 @@ from slam.data_quality.anomalies import (
     without_frozen,
 )
 from slam.data_quality.axes import axes_of_all
+from slam.data_quality.channels import misstated_noise, with_scattering_noise
 from slam.data_quality.dead_streams import without_dead_streams
 from slam.data_quality.finding import Finding
 
 __all__ = [
     "Finding",
     "axes_of_all",
+    "misstated_noise",
     "readings_in_words",
     "stream_anomalies",
+    "with_scattering_noise",
     "without_dead_streams",
     "without_frozen",
 ]

@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.core.flight import Flight
 from slam.data_quality.axes import wrong_axes
-from slam.data_quality.channels import larger_noise, streams_of
+from slam.data_quality.channels import misstated_noise, streams_of
 from slam.data_quality.command_clock import clock_error
 from slam.data_quality.commands import log_apart
 from slam.data_quality.finding import Finding, flights_to_name
@@ -34,7 +34,7 @@ def readings_in_words(flight: Flight) -> list[str]:
         *map(str, found),
         *map(str, wrong_axes(flight)[0]),
         *map(str, jumps(_without_repeated(flight, found))),
-        *larger_noise([flight]),
+        *misstated_noise([flight]),
         *([apart] if apart else []),
         *([str(late)] if late is not None and not apart else []),
     ]

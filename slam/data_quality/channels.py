@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ Array = NDArray[np.float64]
 
 FEWEST = 100
 NOISY = 3.0
-"""Least ratio of noise to the stated figure that is reported: half an order of magnitude."""
+"""Least ratio of noise to the stated figure, or of that to the noise, that is reported: half an order of
+magnitude."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +50,34 @@ def noise_ratio(stream: InstrumentReadings) -> float:
     return float(np.max(std[stated] / stream.noise_std[stated], initial=0.0))
 
 
-def larger_noise(flights: Sequence[Flight]) -> list[str]:
-    """Return a sentence on instruments whose readings scatter far more than the recording states."""
+def misstated_noise(flights: Sequence[Flight]) -> list[str]:
+    """Return sentences on instruments whose readings scatter far more, or less, than the recording states."""
     ratios: dict[str, float] = {}
     for stream in (s for flight in flights for s in streams_of(flight)):
         ratios[stream.name] = max(ratios.get(stream.name, 0.0), noise_ratio(stream))
-    lines = [f"{name} {ratio:.2g} times" for name, ratio in ratios.items() if ratio > NOISY]
-    return [f"Noise from reading to reading is larger than stated: {', '.join(lines)}."] if lines else []
+    larger = [f"{name} {ratio:.2g} times" for name, ratio in ratios.items() if ratio > NOISY]
+    smaller = [f"{name} {ratio:.2g} times" for name, ratio in ratios.items() if 0.0 < ratio < 1.0 / NOISY]
+    each = ("larger than stated", larger), ("smaller than stated, as behind a filter", smaller)
+    return [f"Noise from reading to reading is {how}: {', '.join(lines)}." for how, lines in each if lines]
+
+
+def with_scattering_noise(flight: Flight) -> Flight:
+    """Return the flight with the noise of its readings where that is far larger than stated. A smaller one
+    stays as stated: what a filter hides from reading to reading is there over longer times."""
+    ratios = {stream.name: noise_ratio(stream) for stream in streams_of(flight)}
+    factor = {name: ratio if ratio > NOISY else 1.0 for name, ratio in ratios.items()}
+    if (imu := flight.imu) is not None and "gyro" in factor:
+        gyro, accel = imu.gyro_noise_density * factor["gyro"], imu.accel_noise_density * factor["accel"]
+        flight = replace(flight, imu=replace(imu, gyro_noise_density=gyro, accel_noise_density=accel))
+    if (attitude := flight.attitude) is not None:
+        roll, pitch, yaw = (std * factor["attitude"] for std in attitude.noise_std_rad)
+        flight = replace(flight, attitude=replace(attitude, noise_std_rad=(roll, pitch, yaw)))
+    if (velocity := flight.velocity) is not None:
+        ahead, left = (std * factor["velocity"] for std in velocity.noise_std_m_s)
+        flight = replace(flight, velocity=replace(velocity, noise_std_m_s=(ahead, left)))
+    if (sonar := flight.sonar) is not None:
+        flight = replace(flight, sonar=replace(sonar, noise_std_m=sonar.noise_std_m * factor["sonar"]))
+    return flight
 
 
 def streams_of(flight: Flight) -> list[InstrumentReadings]:

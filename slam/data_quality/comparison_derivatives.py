@@ -84,8 +84,14 @@ def _lag_traces(flight: Flight, imu: ImuReadings, kind: str) -> dict[str, Array]
         ):
             each = (lagging(flight, {**imu.lags, stream: lag}, kind).off for lag in (one, other))
             column = np.subtract(*each) / size
-            if np.abs(column).max() >= FAINT:
-                traces[stream + suffix] = column
+            if np.abs(column).max() < FAINT:
+                continue
+            traces[stream + suffix] = column
+            if suffix == SMOOTHING and stream == kind:
+                # The integral's own noise is in what a filter would take from it: it would look like one.
+                seen = lagging(flight, imu.lags, kind)
+                by_read = (Lag(-FILTER_S, FILTER_S).of(seen.stamps_s, seen.read) - seen.read) / size
+                traces |= {stream + suffix: by_read, stream + suffix + INTEGRATED: column}
     return traces
 
 

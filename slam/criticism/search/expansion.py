@@ -141,11 +141,8 @@ class LikelihoodExpansion(QuadraticLikelihood):
         return [test for test in self.score_tests(rest, pairs) if test.nats > 0.0]
 
     def masked_pair(self, limits: Thresholds, alone: Sequence[ScoreTest] = ()) -> tuple[Effect, ...] | None:
-        """Return the best pair of terms that mask each other, or None: neither may be significant alone.
-
-        An example is a warming sonar beside a climb stronger than the descent. The pair must explain more
-        than the best of ``alone``, the terms that are significant by themselves, best first.
-        """
+        """Return the best pair of terms that mask each other, such as a warming sonar beside a climb stronger
+        than the descent, or None. It must explain more than the first of ``alone``, the significant terms."""
         least = max((s.worth for s in alone), default=-np.inf) + np.log(len(CATALOGUE))
         worthy = (pair for pair in self.ranked_pairs([]) if pair.worth > least and pair.z >= limits.pairs)
         return next((pair.effects for pair in worthy if self.mask_each_other(pair.effects, limits)), None)

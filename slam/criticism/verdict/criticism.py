@@ -87,7 +87,7 @@ class Criticism:
     details: tuple[str, ...] = ()
     """Further sentences on all that follows from the other fields; why flights cannot be judged."""
     noise: tuple[str, ...] = ()
-    """Sentences on noise that is larger than stated."""
+    """Sentences on noise that is larger or smaller than stated."""
     not_shown: str = ""
     """Sentence on what flights without commands could not show."""
     dropped: tuple[str, ...] = ()

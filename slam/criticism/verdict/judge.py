@@ -120,8 +120,8 @@ class Evidence(ABC):
         return tuple(causes)
 
 
-def judge(evidence: Evidence) -> Criticism:
-    """Return the criticism of a model by the evidence of flights.
+def judge(evidence: Evidence, noise: tuple[str, ...] = ()) -> Criticism:
+    """Return the criticism of a model by the evidence of flights; ``noise``: sentences on misstated noise.
 
     Terms that predict held-out flights worse are withdrawn, first what gains least without its best part.
     """
@@ -142,6 +142,7 @@ def judge(evidence: Evidence) -> Criticism:
             detectable=found.first.detectable(limits.effects), confusable=found.first.confusable(),
             ranking=ranking(found, probability, evidence.anomalies), patterns=tuple(left[:SHOWN_PATTERNS]),
             threshold=limits.effects, threshold_means=limits.meaning, model=evidence.model,
+            noise=noise,
         )
     )  # fmt: skip
     return criticism if criticism.verdict == "unusable" else with_sentences(criticism)

@@ -60,11 +60,8 @@ class Posterior:
     """Alternatives to each chosen effect."""
 
     def raised(self, known: Mapping[str, float], tied: Mapping[str, Sequence[str]]) -> Posterior:
-        """Return the posterior with greater probabilities of chosen terms, as ``known`` otherwise.
-
-        Each is shared equally with the ``tied`` alternatives to the term, which it does not distinguish. What
-        is left is for the others.
-        """
+        """Return the posterior with greater probabilities of terms, as ``known`` otherwise, each shared
+        equally with the ``tied`` alternatives to the term. What is left is for the others."""
         probability = dict(self.probability)
         for name, *others in (place.names for place in self.places):
             same = [name, *(n for n in others if n in tied.get(name, ()))]

@@ -34,7 +34,6 @@ from slam.criticism.without_commands.likelihood import contradiction, fisher_of,
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, channel_errors
 from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows, table_of
 from slam.data_quality.axes import axes_of_all
-from slam.data_quality.channels import larger_noise
 from slam.data_quality.finding import Finding, Remark
 from slam.data_quality.jumps import jumps_of_all
 from slam.simulation.model import Model
@@ -142,7 +141,7 @@ class ComparedFlights(Evidence):
             found, next_flight=advised, covariate=next(drawn, None), changes=self._changes(),
             extended=with_certainty(with_terms(self.model, found.causes), found.causes),
             flights=tuple(f.name for f, known in zip(self.flights, self.rows, strict=True) if known),
-            noise=tuple(larger_noise(self.flights)), not_shown=self._not_shown(found.detectable),
+            not_shown=self._not_shown(found.detectable),
             dropped=(*self.sensors.dropped, f"{self.why}: {NOT_JUDGED}"),
             limits=f"{self.why.capitalize()}: the vehicle's motion is not judged.",
         )  # fmt: skip

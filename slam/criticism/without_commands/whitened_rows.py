@@ -138,7 +138,8 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     read = 1.0 - float(np.sum((inverse @ of_integral) * inverse)) / len(root)
     for k in [k for k, name in enumerate(names) if name + INTEGRATED in names]:
         beside = names.index(names[k] + INTEGRATED)
-        moves = float(np.mean(table[:, 1 + k] * table[:, 1 + beside])) > variance
+        moves = names[k].endswith(SMOOTHING)
+        moves |= float(np.mean(table[:, 1 + k] * table[:, 1 + beside])) > variance
         both = (1.0 - read) * table[:, 1 + k] + read * table[:, 1 + beside]
         table[:, 1 + k] = both if moves else 0.0
     white = inverse @ table
@@ -211,18 +212,16 @@ def lags_of(flights: Sequence[Flight]) -> dict[str, Lag]:
 
 
 def _delay(flights: Sequence[Flight], lags: Mapping[str, Lag], stream: str) -> Lag:
-    """Return the delay of a stream about which its rows are linear.
-
-    Far from the truth the noise of the rows has the delay in it. Where their slope points to a delay, the
-    profile likelihood is therefore compared, with the noise and all other errors fitted anew at each. Without
-    motion slope and profile are chance: both must agree. Steps of Gauss and Newton follow.
-    """
+    """Return the delay of a stream about which its rows are linear. Far from the truth their noise holds the
+    delay. Where their slope points to one, the profile likelihood is compared, with noise and other errors
+    fitted anew: without motion both are chance, and must agree. Steps of Gauss and Newton follow."""
     known = []
     for flight in (f for f in flights if any(kind == stream for kind, _ in comparisons(f))):
         imu, off = imu_of(flight, lags), lagging(flight, lags, stream).off
         assert imu is not None
         traces = derivatives(flight, imu, stream, off)
-        traces.pop(stream + SMOOTHING, None)  # to first order a filter is a delay
+        # To first order a filter is a delay.
+        traces = {name: t for name, t in traces.items() if not name.startswith(stream + SMOOTHING)}
         known.append((flight, near_floor(flight), traces))
 
     def rows(delay_s: float) -> list[WhitenedRows]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.duplicate_flights import same_recording, without_duplicates
+from slam.core.duplicate_flights import same_recording, shared_s, without_duplicates, without_overlaps
 from slam.core.errors import InputError
 from slam.core.flight import Flight, Sonar
 from slam.core.join_flights import join_flights
@@ -50,6 +50,36 @@ def test_a_flight_with_few_readings_is_no_copy():
 def test_joining_a_recording_with_its_copy_is_refused(one: Flight):
     with pytest.raises(InputError, match=r"the same recording as .*; give it once"):
         join_flights([one, replace(one, name="again")])
+
+
+def part(flight: Flight, begin_s: float, end_s: float, shift_s: float = 0.0) -> Flight:
+    """Return a cut of a flight's imu and sonar, with stamps that are shifted."""
+    imu, sonar = flight.imu, flight.sonar
+    assert imu is not None
+    assert sonar is not None
+    kept, ranges = ((s.stamps_s >= begin_s) & (s.stamps_s < end_s) for s in (imu, sonar))
+    cut = replace(
+        imu,
+        stamps_s=imu.stamps_s[kept] - shift_s,
+        gyro_rad_s=imu.gyro_rad_s[kept],
+        accel_m_s2=imu.accel_m_s2[kept],
+    )
+    beside = replace(sonar, stamps_s=sonar.stamps_s[ranges] - shift_s, range_m=sonar.range_m[ranges])
+    return Flight(f"from {begin_s:g} s", imu=cut, sonar=beside)
+
+
+@pytest.mark.parametrize("shift_s", [0.0, 3.0])
+def test_cuts_that_share_readings_are_no_two_flights(one: Flight, shift_s: float):
+    assert one.imu is not None
+    begin_s, end_s = one.imu.stamps_s[[0, -1]]
+    third_s = (end_s - begin_s) / 3
+    first = part(one, begin_s, begin_s + 2 * third_s)
+    second, last = (part(one, begin_s + k * third_s, end_s, shift_s) for k in (1, 2))
+    assert abs(shared_s(first, second) - third_s) < 0.1
+    kept, notes = without_overlaps([first, second, last])
+    assert kept == [first, last]
+    assert len(notes) == 1
+    assert f"of its readings are in {first.name} too; it was left out" in notes[0]
 
 
 @pytest.mark.slow
