@@ -19,7 +19,7 @@ from slam.core.messages import Note
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.core.summary import Summary, json_text, summarise
-from slam.core.units import length, percent
+from slam.core.units import length, percent, unit
 from slam.evaluation.aligned_maps import chain_on_result
 from slam.io.estimate import write_estimate
 from slam.report.facts import Facts, gather
@@ -156,7 +156,24 @@ def write_summary_and_report(
 
 
 def _ground_messages(ground: GroundFacts, metric: bool) -> list[str]:
-    """Return the sentence about ground that is not flat, if there is any."""
+    """Return the sentences about ground that is not flat, and about ground that pictures do not agree on."""
+    return [*_relief_messages(ground, metric), *_unmatched_messages(ground, metric)]
+
+
+def _unmatched_messages(ground: GroundFacts, metric: bool) -> list[str]:
+    if ground.unmatched_at_m is None:
+        return []
+    x, y = (f"{at:.1f}" for at in ground.unmatched_at_m)
+    return [
+        Note(
+            f"mosaic: on {percent(ground.unmatched_share)} of the ground the pictures do not agree, the "
+            f"largest piece around x = {x}, y = {y} {unit(metric)}: water, what moves or a surface without "
+            "texture; nothing tells heights there"
+        )
+    ]
+
+
+def _relief_messages(ground: GroundFacts, metric: bool) -> list[str]:
     if ground.relief_share == 0:
         return []
     before, after = ground.over_floor_px[-1], ground.misregistration_px[-1]

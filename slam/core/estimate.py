@@ -84,6 +84,10 @@ class GroundFacts:
     height_std_m: float | None = None
     """Median standard deviation of the measured heights; None on a flat floor, or where no two pairs of
     pictures show one height."""
+    unmatched_share: float = 0.0
+    """Share of the ground that two pictures show, on which they do not agree: it moves, or has no texture."""
+    unmatched_at_m: tuple[float, float] | None = None
+    """Middle of the largest piece of it, x and y; None without any."""
 
     @property
     def is_measured(self) -> bool:

@@ -259,8 +259,8 @@ def _ground(record: dict[str, Any]) -> GroundFacts | None:
     value = record.get("ground")
     if value is None:
         return None
-    pairs = {name: tuple(map(float, value[name])) for name in ("misregistration_px", "over_floor_px")}
-    return GroundFacts(**{**value, **pairs})
+    lists = {name: tuple(found) for name, found in value.items() if isinstance(found, list)}
+    return GroundFacts(**{**value, **lists})
 
 
 def _control(record: dict[str, Any]) -> ControlReport | None:

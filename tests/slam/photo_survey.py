@@ -54,6 +54,21 @@ def seen_in(w_T_c: np.ndarray, place: np.ndarray) -> np.ndarray | None:
     return pixel if ((pixel > 5) & (pixel < np.array(SIZE_PX) - 5)).all() else None
 
 
+def with_water(west: float, east: float, south: float, north: float, number: int) -> np.ndarray:
+    """The ground with waves in a rectangle, which are others for each number."""
+    floor, rng = ground().copy(), np.random.default_rng(100 + number)
+    rows = slice(round((NORTH_M - north) / CELL_M), round((NORTH_M - south) / CELL_M))
+    columns = slice(round((west - WEST_M) / CELL_M), round((east - WEST_M) / CELL_M))
+    size = columns.stop - columns.start, rows.stop - rows.start
+    waves = np.zeros(size[::-1], np.float32)
+    for cells in (20, 60, 150):
+        blots = rng.normal(0, 1, (cells, cells)).astype(np.float32)
+        waves += cv2.resize(blots, size, interpolation=cv2.INTER_CUBIC)
+    level = np.clip(110 + 25 * waves, 0, 255)
+    floor[rows, columns] = np.dstack([level, 0.8 * level, 0.6 * level]).astype(np.uint8)
+    return floor
+
+
 @lru_cache
 def clouds() -> np.ndarray:
     """The sky by direction: rows of a tenth of a degree from the horizon up, columns once around."""
@@ -65,7 +80,7 @@ def clouds() -> np.ndarray:
     return np.dstack([np.clip(200 + 25 * total, 0, 255).astype(np.uint8)] * 3)
 
 
-def picture(w_T_c: np.ndarray, focal_px: float = FOCAL_PX) -> np.ndarray:
+def picture(w_T_c: np.ndarray, focal_px: float = FOCAL_PX, floor: np.ndarray | None = None) -> np.ndarray:
     """The ground, mirrored beyond its border, and clouds above the horizon."""
     columns, rows = SIZE_PX
     u, v = np.meshgrid(np.arange(columns), np.arange(rows))
@@ -74,7 +89,8 @@ def picture(w_T_c: np.ndarray, focal_px: float = FOCAL_PX) -> np.ndarray:
     there = w_T_c[2, 3] / np.where(up < 0, -up, np.inf)
     cells = (w_T_c[0, 3] + there * east - WEST_M, NORTH_M - w_T_c[1, 3] - there * north)
     at = [(distance / CELL_M - 0.5).astype(np.float32) for distance in cells]
-    shown = cv2.remap(ground(), *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+    floor = ground() if floor is None else floor
+    shown = cv2.remap(floor, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
     above = up >= 0
     if above.any():
         around = (np.degrees(np.arctan2(east, north)) % 360)[above] / 0.1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.surface.build import build_surface
+from frontend.surface.disagreement import Disagreement, disagreement
 from frontend.surface.misregistration import Misregistration, measure_misregistration, seen_by_two
 from frontend.surface.relief import is_better, relief_squares
 from frontend.views import Load
@@ -51,6 +52,8 @@ class MeasuredGround:
     over_surface: Misregistration | None = None
     over_plane: OverPlane | None = None
     """None where the plane of the ground is level."""
+    disagreement: Disagreement = field(default_factory=Disagreement)
+    """Ground on which no two pictures agree, over the surface or else the floor."""
 
     @cached_property
     def pits(self) -> Mask:
@@ -74,7 +77,12 @@ class MeasuredGround:
         before_px, after_px = (
             tuple(m.percentile_px(percent) for percent in PERCENTS) for m in (self.over_floor, after)
         )
-        flat = GroundFacts(misregistration_px=after_px, over_floor_px=before_px)
+        flat = GroundFacts(
+            misregistration_px=after_px,
+            over_floor_px=before_px,
+            unmatched_share=self.disagreement.share,
+            unmatched_at_m=self.disagreement.at_m,
+        )
         if self.surface is None:
             return flat
         shown = self.surface.source != HeightSource.UNSEEN
@@ -144,7 +152,7 @@ def measure_ground(
     over_floor = measure_misregistration(plan, pictures, progress)
     relief = relief_squares(over_floor)
     if not relief.any():
-        return MeasuredGround(over_floor, None)
+        return MeasuredGround(over_floor, None, disagreement=disagreement(over_floor, plan))
     all_views = replace(plan, views=plan.all_views(w_T_b))
     matched = Pictures(all_views, load, pictures.max_mb)
     # Where the mosaic needs one picture alone, others may show the ground as well: none was compared there.
@@ -152,4 +160,6 @@ def measure_ground(
     relief |= seen & ~over_floor.compared
     surface = build_surface(all_views, matched, relief, elevation, progress, seen)
     over_surface = measure_misregistration(replace(plan, surface=surface), pictures, progress)
-    return MeasuredGround(over_floor, surface if is_better(over_surface, over_floor) else None)
+    if not is_better(over_surface, over_floor):
+        return MeasuredGround(over_floor, None, disagreement=disagreement(over_floor, plan))
+    return MeasuredGround(over_floor, surface, disagreement=disagreement(over_surface, plan))

@@ -31,3 +31,16 @@ def test_relief_that_no_two_pictures_show_is_a_warning():
 
 def test_a_flat_floor_is_not_told():
     assert _ground_messages(GroundFacts(misregistration_px=(0.2, 0.5), over_floor_px=(0.2, 0.5)), True) == []
+
+
+def test_ground_on_which_pictures_do_not_agree_is_a_note_with_its_place():
+    facts = GroundFacts(
+        misregistration_px=(0.2, 0.5),
+        over_floor_px=(0.2, 0.5),
+        unmatched_share=0.1,
+        unmatched_at_m=(8.04, -12.0),
+    )
+    (message,) = _ground_messages(facts, True)
+    assert isinstance(message, Note)
+    assert f"on {percent(0.1)} of the ground the pictures do not agree" in message
+    assert "x = 8.0, y = -12.0 m" in message
