@@ -45,8 +45,8 @@ _GSD = typer.Option(
 _CRS = typer.Option(
     "--crs",
     metavar="SYSTEM",
-    help="Also write the rasters in this coordinate system: utm (the zone of the map's origin), or EPSG: and "
-    "a number.",
+    help="Also write the rasters in this coordinate system: utm (the zone of the map's origin), EPSG: and a "
+    "number, or none; default: utm for a map with a place on Earth.",
 )
 _GCP = typer.Option(
     "--gcp",
@@ -162,8 +162,10 @@ def _flights(
 def _refuse_system(system: str, has_mosaic: bool) -> None:
     """Raise ``InputError`` for a coordinate system that no raster can have, before flights are read."""
     from slam.core.errors import InputError
-    from slam.io.exports.geotiff import named_system
+    from slam.io.exports.geotiff import NO_SYSTEM, named_system
 
+    if system.lower() == NO_SYSTEM:
+        return
     if not has_mosaic:
         raise InputError(f"--crs {system}: with --no-mosaic there are no rasters to write in it")
     named_system(system)
@@ -172,8 +174,10 @@ def _refuse_system(system: str, has_mosaic: bool) -> None:
 def _refuse_place(system: str, flight: Flight) -> None:
     """Raise ``InputError`` for a flight whose map cannot lie in the system, before it is mapped."""
     from slam.core.errors import InputError
-    from slam.io.exports.geotiff import coordinate_system
+    from slam.io.exports.geotiff import NO_SYSTEM, coordinate_system
 
+    if system.lower() == NO_SYSTEM:
+        return
     origin = flight.geo_origin()
     if origin is None:
         raise InputError(

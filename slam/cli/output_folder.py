@@ -52,7 +52,7 @@ RASTERS_IN_SYSTEM = {
     "mosaic_quality.tif": "mosaic_quality_crs.tif",
     "elevation.tif": "elevation_crs.tif",
 }
-"""Raster of a map -> its copy in the coordinate system that ``slam optimize --crs`` names."""
+"""Raster of a map on Earth -> its copy in UTM, or in the system that ``slam optimize --crs`` names."""
 
 MAP_MCAP = "map.mcap"
 """The map for Foxglove and Rerun, from ``slam optimize --mcap``."""

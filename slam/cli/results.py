@@ -42,7 +42,8 @@ class MosaicOptions:
     previous_output: Path | None = None
     """An earlier output folder whose unchanged tiles are reused."""
     crs: str | None = None
-    """Coordinate system, ``utm`` or ``EPSG:n``, in which the rasters are written too."""
+    """Coordinate system, ``utm`` or ``EPSG:n``, in which the rasters are written too, or ``none``; None for
+    ``utm`` where the map has a place on Earth."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,7 @@ def write_results(
     heights = write_elevation(estimate, folder, made.ground if made else None)
     if mcap:
         _write_map_mcap(folder, estimate, flight, progress)
-    if options.crs is not None:
-        warning += _write_in_system(folder, estimate, options.crs)
+    warning += _write_in_system(folder, estimate, options.crs)
     if options.wanted:
         estimate = replace(
             estimate,
@@ -108,16 +108,23 @@ def _write_map_mcap(folder: Path, estimate: Estimate, flight: Flight, progress: 
         write(exported, folder / MAP_MCAP)
 
 
-def _write_in_system(folder: Path, estimate: Estimate, system: str) -> tuple[str, ...]:
-    """Write the rasters in another coordinate system beside them, and return messages about them."""
-    from slam.cli.output_folder import RASTERS_IN_SYSTEM
-    from slam.io.exports.geotiff import rasters_in, write_rasters
+def _write_in_system(folder: Path, estimate: Estimate, wanted: str | None) -> tuple[str, ...]:
+    """Write the rasters in another coordinate system beside them, and return messages about them.
 
+    ``wanted`` is `MosaicOptions.crs`. What the user did not ask for is left out silently where it cannot be.
+    """
+    from slam.cli.output_folder import RASTERS_IN_SYSTEM
+    from slam.io.exports.geotiff import NO_SYSTEM, UTM, rasters_in, write_rasters
+
+    system = wanted or UTM
+    if system.lower() == NO_SYSTEM:
+        return ()
     names = {name: RASTERS_IN_SYSTEM[name] for name in rasters_in(folder)}
     if not names:
-        return (f"--crs {system}: there are no rasters to write in it",)
+        return (f"--crs {system}: there are no rasters to write in it",) if wanted else ()
     if estimate.origin is None:
-        return (f"--crs {system}: no rasters in it, since the map was not placed on Earth",)
+        why = f"--crs {system}: no rasters in it, since the map was not placed on Earth"
+        return (why,) if wanted else ()
     try:
         targets = {name: folder / written for name, written in names.items()}
         colours, *stretch, heights = write_rasters(estimate, folder, targets, system)

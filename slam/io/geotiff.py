@@ -43,7 +43,7 @@ FINGERPRINTS_TAG = "LEMNISCATE_BLOCKS"
 _RGBA = {
     "count": 4, "dtype": "uint8", "photometric": "RGB", "alpha": "non-premultiplied", "BIGTIFF": "IF_SAFER",
 }  # fmt: skip
-_COG = {
+COG = {
     "driver": "COG", "compress": "DEFLATE", "level": 2, "predictor": "YES", "blocksize": BLOCK_PX,
     "overview_resampling": "AVERAGE", "num_threads": "ALL_CPUS",
 }  # fmt: skip
@@ -152,7 +152,7 @@ def write_geotiff(
                     raster.write(np.moveaxis(block.rgba, 2, 0), window=window)
                     total += block.rgba.sum(axis=(0, 1), dtype=np.uint64)
             raster.update_tags(**tags, **{FINGERPRINTS_TAG: json.dumps(fingerprints)})
-        rasterio.shutil.copy(plain, partial, **_COG, bigtiff="IF_SAFER")
+        rasterio.shutil.copy(plain, partial, **COG, bigtiff="IF_SAFER")
         _verify(partial, total)
 
 
@@ -208,7 +208,7 @@ def write_bands(
                 raster.write(values, number)
                 raster.set_band_description(number, description)
             raster.update_tags(**tags)
-        rasterio.shutil.copy(plain, partial, **_COG)
+        rasterio.shutil.copy(plain, partial, **COG)
         with rasterio.open(partial) as raster:
             if not np.array_equal(raster.read(), np.stack(list(bands.values())), equal_nan=True):
                 raise RasterioError("pixels are missing from what was written")

@@ -29,8 +29,8 @@ def plane_text(estimate: Estimate) -> str:
     grid = "UPS" if code in (UPS_NORTH, UPS_SOUTH) else "UTM"
     return (
         f"metres east and north of {origin.text} (azimuthal equidistant about that point, on WGS 84; no "
-        f"EPSG code names this plane, the files hold its definition); for {grid}, EPSG:{code}, run slam "
-        "export --to geotiff, or slam optimize with --crs utm"
+        "EPSG code names this plane, the files hold its definition); "
+        f"for {grid}, EPSG:{code}, take mosaic_crs.tif and elevation_crs.tif, or run slam export --to geotiff"
     )
 
 

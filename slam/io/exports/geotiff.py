@@ -6,7 +6,8 @@ at the poles) or another system of the EPSG registry.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -20,19 +21,26 @@ from rasterio.enums import Resampling
 from rasterio.errors import CRSError, RasterioError
 from rasterio.vrt import WarpedVRT
 from rasterio.warp import transform
+from rasterio.windows import Window
 
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.geodesy import GeoOrigin, geodetic_from_enu, utm_epsg
 from slam.io.exports.exported_map import ExportedMap
-from slam.io.geotiff import height_tags
+from slam.io.geotiff import BLOCK_PX, CACHE_MB, COG, height_tags
 
+UTM, NO_SYSTEM = "utm", "none"
+"""Words for a system, beside ``EPSG:`` and a number: the zone of the map, and no rasters in any."""
 RASTERS = {
     "mosaic.tif": Resampling.cubic,
     "mosaic_quality.tif": Resampling.nearest,
     "elevation.tif": Resampling.nearest,
 }
 """Files and their resampling. Heights keep their values: none lies between roof and ground."""
+_PIECE_PX = 2 * BLOCK_PX
+"""Side of the squares that are resampled one after the other: 21 MB for the five bands of an elevation. Line
+by line, the blocks of a large mosaic leave the cache before the next line needs them, and are decoded again.
+"""
 MOST_STRETCH = 0.01
 """Largest change of a length by a projection that is not said. In its zone UTM changes lengths by 0.1 % at
 most (Snyder 1987, section 8), and projections of countries by less."""
@@ -122,7 +130,7 @@ def named_system(name: str) -> CRS | None:
 
     Raises ``InputError`` for another name, and for a system of no plane.
     """
-    if name.lower() == "utm":
+    if name.lower() == UTM:
         return None
     kind, _, number = name.partition(":")
     try:
@@ -194,16 +202,40 @@ def _stretch_note(crs: CRS, origin: GeoOrigin) -> tuple[str, ...]:
 
 
 def _reproject(source: Path, target: Path, crs: CRS, resampling: Resampling, tags: dict[str, str]) -> None:
-    """Resample a raster block by block, and say where its heights begin; a plain one is left beside it."""
+    """Resample a raster piece by piece, and say where its heights begin; a plain one is left beside it.
+
+    Raises ``RasterioError`` where not all of it reaches the disk.
+    """
     plain = target.with_name(f"plain_{target.name}")
-    with (
-        rasterio.Env(GDAL_CACHEMAX=64, GDAL_PAM_ENABLED=False),
-        rasterio.open(source) as raster,
-        WarpedVRT(raster, crs=crs, resampling=resampling) as warped,
-    ):
-        rasterio.shutil.copy(
-            warped, plain, driver="GTiff", tiled="YES", compress="DEFLATE", bigtiff="IF_SAFER"
-        )
-    with rasterio.open(plain, "r+") as raster:
-        raster.update_tags(**tags)
-    rasterio.shutil.copy(plain, target, driver="COG", compress="DEFLATE", bigtiff="IF_SAFER")
+    with rasterio.Env(GDAL_CACHEMAX=CACHE_MB, GDAL_PAM_ENABLED=False, GDAL_NUM_THREADS=2):
+        with rasterio.open(source) as raster, WarpedVRT(raster, crs=crs, resampling=resampling) as warped:
+            profile = {
+                "driver": "GTiff", "width": warped.width, "height": warped.height, "count": warped.count,
+                "dtype": warped.dtypes[0], "nodata": warped.nodata, "crs": crs, "transform": warped.transform,
+                "tiled": True, "blockxsize": BLOCK_PX, "blockysize": BLOCK_PX, "compress": "deflate",
+                "zlevel": 1, "num_threads": "ALL_CPUS", "bigtiff": "IF_SAFER",
+            }  # fmt: skip
+            written = []
+            with rasterio.open(plain, "w", **profile) as made:
+                made.colorinterp = raster.colorinterp
+                made.descriptions = raster.descriptions
+                made.update_tags(**tags)
+                for window in _pieces(warped.width, warped.height):
+                    pixels = warped.read(window=window)
+                    made.write(pixels, window=window)
+                    written.append(_digest(pixels))
+        rasterio.shutil.copy(plain, target, **COG, bigtiff="IF_SAFER")
+        with rasterio.open(target) as made:  # GDAL's TIFF writer does not report a full disk
+            found = [_digest(made.read(window=window)) for window in _pieces(made.width, made.height)]
+    if found != written:
+        raise RasterioError("pixels are missing from what was written")
+
+
+def _pieces(width: int, height: int) -> Iterator[Window]:
+    for row in range(0, height, _PIECE_PX):
+        for col in range(0, width, _PIECE_PX):
+            yield Window(col, row, min(_PIECE_PX, width - col), min(_PIECE_PX, height - row))
+
+
+def _digest(pixels: NDArray[np.generic]) -> bytes:
+    return sha256(np.ascontiguousarray(pixels).data).digest()

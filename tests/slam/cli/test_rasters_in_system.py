@@ -91,13 +91,33 @@ def test_a_map_is_kept_whose_rasters_the_system_cannot_hold(tmp_path):
     assert os.listdir(tmp_path) == ["elevation.tif"]
 
 
+def test_a_map_on_earth_is_written_in_utm_unless_another_system_or_none_is_named(tmp_path):
+    estimate = elevation(tmp_path, ORIGIN)
+    for wanted, code in (("none", None), ("None", None), (None, 32618), ("EPSG:2263", 2263)):
+        messages = _write_in_system(tmp_path, estimate, wanted)
+        path = tmp_path / "elevation_crs.tif"
+        assert path.exists() == bool(messages) == (code is not None)
+        if code is not None:
+            with rasterio.open(path) as raster:
+                assert raster.crs.to_epsg() == code
+                assert raster.descriptions == ("height",)
+
+
+def test_nothing_is_said_of_a_system_that_nobody_asked_for(tmp_path):
+    nowhere = replace(elevation(tmp_path, None), origin=None)
+    assert _write_in_system(tmp_path, nowhere, None) == ()
+    assert _write_in_system(tmp_path, nowhere, "utm") != ()
+    (tmp_path / "elevation.tif").unlink()
+    assert _write_in_system(tmp_path, made_map(pose(), origin=ORIGIN), None) == ()
+
+
 @pytest.mark.slow
 def test_optimize_writes_the_rasters_that_an_export_writes(tmp_path):
     (tmp_path / "tiny.toml").write_text(RECIPE.format(texture="puzzle"))
     flown = simulate(tmp_path / "tiny.toml", 3)
     places = geodetic_from_enu(flown.truth.w_T_b[:, :3, 3], ORIGIN)
     write_flight(replace(flown, gps=Gps(flown.truth.stamps_s, *places, (0.01,) * 3)), tmp_path / "placed")
-    result = run("optimize", tmp_path / "placed", "--out", tmp_path / "out", "--crs", "utm")
+    result = run("optimize", tmp_path / "placed", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert set(os.listdir(tmp_path / "out")) == {*OPTIMIZE_NAMES, *RASTERS_IN_SYSTEM.values()}
     notes = json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]

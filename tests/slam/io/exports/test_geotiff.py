@@ -114,6 +114,38 @@ def test_a_raster_across_an_edge_of_the_system_is_refused_in_plain_words(tmp_pat
     export_map(exported(made_map(pose(), origin=origin), folder=tmp_path), "geotiff", tmp_path / "out")
 
 
+def test_all_pieces_of_a_raster_are_resampled(tmp_path, monkeypatch):
+    east, north = np.meshgrid(np.arange(80.0), np.arange(60.0)[::-1])
+    bands = {"east": east.astype(np.float32), "north": north.astype(np.float32)}
+    write_bands(tmp_path / "elevation.tif", Grid(-0.5, 59.5, 1.0, 80, 60, ORIGIN), bands)
+    monkeypatch.setattr(geotiff, "_PIECE_PX", 16)
+    export_map(exported(made_map(pose(), origin=ORIGIN), folder=tmp_path), "geotiff", tmp_path / "out")
+    with (
+        rasterio.open(tmp_path / "out" / "elevation.tif") as raster,
+        rasterio.open(tmp_path / "elevation.tif") as own,
+    ):
+        assert raster.descriptions == ("east", "north")
+        values = raster.read()
+        rows, cols = np.nonzero(np.isfinite(values[0]))
+        assert len(rows) > 0.95 * 80 * 60
+        xy = transform(raster.crs, own.crs, *(list(each) for each in raster.xy(rows, cols)))
+    # The nearest cell, and the eighth of a pixel to which GDAL approximates a transformation.
+    np.testing.assert_allclose(values[:, rows, cols], xy, rtol=0, atol=0.5 + 0.125)
+
+
+def test_pixels_that_do_not_reach_the_disk_are_told(folder, tmp_path, monkeypatch):
+    copy = rasterio.shutil.copy
+
+    def losing(source, target, **options):
+        copy(source, target, **options)
+        with rasterio.open(target, "r+", IGNORE_COG_LAYOUT_BREAK="YES") as raster:
+            raster.write(np.zeros((1, raster.height, raster.width), np.float32))
+
+    monkeypatch.setattr(rasterio.shutil, "copy", losing)
+    with pytest.raises(InputError, match="pixels are missing"):
+        export_map(exported(made_map(pose(), origin=ORIGIN), folder=folder), "geotiff", tmp_path / "out")
+
+
 def test_a_map_without_rasters_is_refused(tmp_path):
     with pytest.raises(InputError, match="no rasters"):
         export_map(exported(made_map(pose()), folder=tmp_path), "geotiff", tmp_path / "out")
