@@ -84,7 +84,7 @@ def measure() -> list[Metric]:
             metrics += [
                 at_most(f"memory of a mosaic of {many} pictures", b.peak_mb, "MB", 2000, f"{b.used} used"),
                 at_most(
-                    f"time of a mosaic of {many} pictures", b.seconds, "s", 600, f"{b.megapixels:.0f} Mpx"
+                    f"time of a mosaic of {many} pictures", b.seconds, "s", 90, f"{b.megapixels:.0f} Mpx"
                 ),
                 reported(
                     f"tiles rendered again after {MOVED} of {many} pictures moved by {MOVED_M:g} m", b.again,
