@@ -1,7 +1,7 @@
 """Structure from motion by pycolmap on the CPU: pairs of pictures, incremental mapping.
 
-``python -m tests.benchmarks.by_pycolmap PICTURES CAMERA`` maps a folder with a known camera (OpenCV's fx, fy,
-cx, cy, k1, k2, p1, p2 with commas, pixel (0, 0) the centre of the first); prints seconds and poses as JSON.
+``python -m tests.benchmarks.by_pycolmap PICTURES NAMES SETTINGS`` maps some pictures of a folder and prints
+times, peak memory and poses as JSON. It imports nothing of ours, so that the memory is pycolmap's.
 """
 
 from __future__ import annotations
@@ -12,17 +12,20 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.camera import Camera
-from frontend.features import FeatureConfig
-from tests.benchmarks.apart import run_apart
+from tests.benchmarks.apart import peak_mb, run_apart
 from tests.benchmarks.metric import Metric, Skipped, at_most
+
+if TYPE_CHECKING:
+    from frontend.camera import Camera
+    from frontend.features import FeatureConfig
 
 Array = NDArray[np.float64]
 
@@ -35,6 +38,8 @@ BEST_SIDE_PX = 1000
 both, and 2 mm apart on caliterra, for 1.4 and 1.6 times the processor time."""
 MOST_OF_BEST = 0.5
 """Wanted share of the time of pycolmap at its best."""
+MOST_MEMORY = 1.0
+"""Wanted share of its peak memory."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,8 @@ class Mapped:
     c_T_w: dict[str, Array]
     """Poses (3, 4) by file name, of the pictures in the largest model, whose scale is arbitrary."""
     models: int
+    peak_mb: float
+    """Peak resident memory of its process."""
 
     def centers(self, names: Sequence[str]) -> Array:
         """Return (n, 3) positions of the cameras of placed pictures."""
@@ -74,26 +81,40 @@ def at_its_best(config: FeatureConfig) -> Settings:
 
 
 def mapped_apart(pictures: Path, camera: Camera, limit_s: float) -> Mapped | None:
-    """Map a folder in a separate process; None after a time-out.
+    """Map a folder with a known camera in a separate process; None after a time-out.
 
     Raises ``Skipped`` where the package is missing.
     """
-    _package()
     distortion = (*camera.distortion, 0.0, 0.0, 0.0, 0.0)[:4]
-    known = (*camera.focal_px, *camera.center_px, *distortion)
-    found = run_apart("tests.benchmarks.by_pycolmap", pictures, ",".join(map(str, known)), limit_s=limit_s)
-    if found is None:
-        return None
-    poses = {name: np.array(pose) for name, pose in found["c_T_w"].items()}
-    return Mapped(found["seconds"], found["cpu_s"], poses, found["models"])
+    known = Settings(camera=(*camera.focal_px, *camera.center_px, *distortion))
+    return _apart(pictures, sorted(path.name for path in pictures.iterdir()), known, limit_s)
 
 
 def mapped(pictures: Path, names: list[str], settings: Settings) -> Mapped:
-    """Map some pictures of a folder.
+    """Map some pictures of a folder in a separate process.
 
     Raises ``Skipped`` where the package is missing.
     """
-    colmap = _package()
+    found = _apart(pictures, names, settings, None)
+    assert found is not None
+    return found
+
+
+def _apart(pictures: Path, names: list[str], settings: Settings, limit_s: float | None) -> Mapped | None:
+    if find_spec("pycolmap") is None:
+        raise Skipped("pycolmap is not installed (pip install --group bench)")
+    told = json.dumps(names), json.dumps(asdict(settings))
+    found = run_apart("tests.benchmarks.by_pycolmap", pictures, *told, limit_s=limit_s)
+    if found is None:
+        return None
+    return Mapped(**{**found, "c_T_w": {name: np.array(pose) for name, pose in found["c_T_w"].items()}})
+
+
+def _mapped(pictures: Path, names: list[str], settings: Settings) -> Mapped:
+    """Map some pictures of a folder in this process."""
+    import pycolmap
+
+    colmap: Any = pycolmap
     colmap.logging.minloglevel = 2
     reader, mapping = colmap.ImageReaderOptions(), colmap.IncrementalPipelineOptions()
     extraction, cpu = colmap.FeatureExtractionOptions(), colmap.Device.cpu
@@ -124,34 +145,39 @@ def mapped(pictures: Path, names: list[str], settings: Settings) -> Mapped:
                 near.max_num_neighbors = NEIGHBOURS
                 colmap.match_spatial(database, pairing_options=near, device=cpu)
             models = colmap.incremental_mapping(database, pictures, Path(scratch), mapping)
-    seconds, cpu_s = took[0].seconds, took[0].cpu_s
+    seconds, cpu_s, memory_mb = took[0].seconds, took[0].cpu_s, took[0].peak_mb
     if not models:
-        return Mapped(seconds, cpu_s, {}, 0)
+        return Mapped(seconds, cpu_s, {}, 0, memory_mb)
     largest = max(models.values(), key=lambda model: model.num_reg_images())
     poses = {
         image.name: image.cam_from_world().matrix() for image in largest.images.values() if image.has_pose
     }
-    return Mapped(seconds, cpu_s, poses, len(models))
+    return Mapped(seconds, cpu_s, poses, len(models), memory_mb)
 
 
 @dataclass(frozen=True)
 class Took:
-    """Time from pictures to poses."""
+    """Time from pictures to poses, and memory."""
 
     seconds: float
     cpu_s: float
+    peak_mb: float
+    """Peak resident memory of the process until then."""
 
 
 @contextmanager
 def timed() -> Iterator[list[Took]]:
-    """Give a list that has the time of the block after it."""
+    """Give a list that has time and memory of the block after it."""
     began, cpu_began, took = time.perf_counter(), time.process_time(), list[Took]()
     yield took
-    took.append(Took(time.perf_counter() - began, time.process_time() - cpu_began))
+    took.append(Took(time.perf_counter() - began, time.process_time() - cpu_began, peak_mb()))
 
 
 def against_best(ours: Took, best: Mapped, of: int) -> list[Metric]:
-    """Return our times over those of pycolmap at its best, which had ``of`` photographs."""
+    """Return our times and memory over those of pycolmap at its best, which had ``of`` photographs.
+
+    Both had a process of its own, of which ``ours`` was the first large job.
+    """
     title = "pycolmap's at its best, CPU"
     how = (
         f"{BEST_SIDE_PX} px, our number of features, first octave 0, {NEIGHBOURS} neighbours by GPS, sparse"
@@ -166,25 +192,20 @@ def against_best(ours: Took, best: Mapped, of: int) -> list[Metric]:
         for name, mine, theirs in (
             ("processor time", ours.cpu_s, best.cpu_s), ("time", ours.seconds, best.seconds),
         )
+    ] + [
+        at_most(
+            f"our peak memory over {title}", ours.peak_mb / best.peak_mb, "x", MOST_MEMORY,
+            f"{ours.peak_mb:.0f} MB over {best.peak_mb:.0f} MB, each in a process of its own",
+        )
     ]  # fmt: skip
 
 
-def _package() -> Any:
-    try:
-        import pycolmap
-    except ImportError:
-        raise Skipped("pycolmap is not installed (pip install --group bench)") from None
-    return pycolmap
-
-
-def main(pictures: Path, camera: str) -> None:
+def main(pictures: str, names: str, settings: str) -> None:
     """Run the separate process."""
-    names = sorted(path.name for path in pictures.iterdir())
-    done = mapped(pictures, names, Settings(camera=tuple(map(float, camera.split(",")))))
+    done = _mapped(Path(pictures), json.loads(names), Settings(**json.loads(settings)))
     poses = {name: pose.tolist() for name, pose in done.c_T_w.items()}
-    found = {"seconds": done.seconds, "cpu_s": done.cpu_s, "c_T_w": poses, "models": done.models}
-    print(json.dumps(found))
+    print(json.dumps({**vars(done), "c_T_w": poses}))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2])
+    main(*sys.argv[1:])
