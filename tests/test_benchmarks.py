@@ -1,6 +1,8 @@
 """How figures are judged and shown; the benchmarks themselves are opt-in (``make bench``)."""
 
 import math
+import subprocess
+import sys
 
 import gtsam
 import numpy as np
@@ -10,7 +12,16 @@ from scipy.stats import norm
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Truth
-from tests.benchmarks import blind_dev, commands, growth, inertial_alone, inertial_bound, instruments
+from tests.benchmarks import (
+    blind_dev,
+    by_pycolmap,
+    commands,
+    growth,
+    hour,
+    inertial_alone,
+    inertial_bound,
+    instruments,
+)
 from tests.benchmarks.figures import BEGIN, END, Section, markdown, measured, verdict, with_block
 from tests.benchmarks.instrument_flights import KINDS, SEEDS, _strata
 from tests.benchmarks.instrument_maps import ALL, NO_CAMERA, NO_IMU, NO_SONAR, Flown, Gap, Mapped
@@ -237,3 +248,37 @@ def test_the_time_of_a_command_has_that_of_its_children(monkeypatch):
     busy = "import time\nwhile time.process_time() < 0.2: pass"
     outer = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {busy!r}])"
     assert 0.2 <= commands.cpu_s("-c", outer) < 1.0
+
+
+def test_memory_is_compared_with_that_of_the_peers_process():
+    best = by_pycolmap.Mapped(10.0, 20.0, {}, 1, peak_mb=400.0)
+    found = by_pycolmap.against_best(by_pycolmap.Took(4.0, 8.0, peak_mb=500.0), best, 3)
+    assert [(metric.value, metric.met) for metric in found] == [(0.4, True), (0.4, True), (1.25, False)]
+
+
+def test_the_peer_is_alone_in_its_process():
+    """What this program imports would count as the peer's memory."""
+    loaded = "import sys, tests.benchmarks.by_pycolmap; print([*sys.modules])"
+    names = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True).stdout
+    assert "'frontend" not in names
+    assert "'slam" not in names
+
+
+def test_a_piece_of_the_hour_stands_for_it_in_proportion():
+    def piece(minutes: float) -> hour.Piece:
+        stages = {"track": 10 * minutes}
+        return hour.Piece(minutes, 9, 9, 9, 0.1, stages, 12 * minutes, 1.0, 400.0 + minutes, 500.0, 1.0)
+
+    found = {metric.key: metric for metric in hour.figures([piece(1), piece(6)])}
+    whole = found["processor time of the map of an hour"]
+    assert (whole.value, whole.met) == (pytest.approx(12.0), True)
+    assert whole.source.startswith("6 minutes, in proportion")
+    assert found["exponent of its processor time from 1 minutes"].value == pytest.approx(1.0)
+
+
+def test_the_lines_of_the_hour_fill_a_square_at_one_speed():
+    w_T_b = hour.poses(2.0)
+    steps_m = np.linalg.norm(np.diff(w_T_b[:, :2, 3], axis=0), axis=1) * hour.RATE_HZ
+    assert np.median(steps_m) == pytest.approx(hour.CRUISE_M_S, rel=1e-6)
+    assert steps_m.max() < 1.01 * hour.CRUISE_M_S
+    assert np.ptp(w_T_b[:, :2, 3], axis=0) == pytest.approx([hour.side_m(2.0)] * 2, rel=0.15)

@@ -54,6 +54,7 @@ TITLES = {
     "refinement": "Refinement of made surveys",
     "memory": "A flight ten times as long",
     "growth": "Made surveys of 400, 1600 and 6400 photographs",
+    "hour": "An hour of video, mapped",
     "mosaic": "Mosaics",
     "commands": "Whole commands in fresh processes",
     "map_page": "Interactive map in a browser",
