@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from typing import TypeVar
 
@@ -24,9 +25,10 @@ from frontend.homography import HomographyConfig, transfer
 from frontend.line_tracking import InstrumentMotion, LineTracker
 from frontend.masking import unless_hidden
 from frontend.motions import MOST_LEAD, Expectation
-from frontend.photographs import Photograph, photographs
+from frontend.photographs import NO_SEARCH_MEMORY, Photograph, SearchMemory, photographs
 from frontend.registration import Registration, register
 from frontend.tracked import IntermediateFrame, Keyframe, Matched, Tracked, on_floor
+from frontend.tracking_state import Start, TrackingState
 from frontend.views import SAME_PICTURE, Load, Masks, View, Views
 
 Image = NDArray[np.uint8]
@@ -90,14 +92,25 @@ class Tracker:
         self.newest: IntermediateFrame | None = None
         """The newest frame that is registered to a keyframe."""
 
-    def keyframes(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
-        """Yield keyframes in order of time."""
-        number, failures = -1, 0
-        last: Matched | None = None
-        best: Tracked | None = None
+    def keyframes(
+        self,
+        images: Iterable[Image | None],
+        start: Start = Start(),
+        on_state: Callable[[Callable[[], TrackingState]], None] = lambda state: None,
+    ) -> Iterator[Keyframe]:
+        """Yield keyframes in order of time.
+
+        ``images`` are those from the frame of the ``start`` on. ``on_state`` is told before each frame how to
+        ask for the state there.
+        """
+        number, failures, last, best = start.number, start.failures, start.last, start.best
         coming: Tracked | None = None  # the next keyframe, while its features are extracted
-        views = self._with_last_of_equal(self._usable(self._views.each(images)))
+        usable = self._usable(self._views.each(images, start.frame))
+        views = self._with_last_of_equal(usable) if last is None else usable
         for view in chain(views, [None]):  # None: the flight ends
+            if view is not None and last is not None and coming is None:
+                lines = self._lines.state if self._lines else ()
+                on_state(partial(TrackingState.of, view.frame, number, failures, last, best, lines))
             if last is None:
                 if view is not None and (self._shows_lines(view) or self._has_features(view)):
                     last, number = self._first(view), number + 1
@@ -149,22 +162,30 @@ class Tracker:
             if settled is not None:
                 yield settled.keyframe(last)
 
-    def every(self, load: Load, count: int) -> Iterator[Keyframe]:
+    def resumed(self, state: TrackingState, load: Load) -> Start:
+        """Return where tracking goes on from a state; ``load`` reads the pictures that it needs."""
+        view_of = self._views.read_again(load)
+        if self._lines is not None:
+            self._lines.resume(state.lines, view_of)
+        self.frames = state.frame
+        return state.start(view_of)
+
+    def every(self, load: Load, count: int, memory: SearchMemory = NO_SEARCH_MEMORY) -> Iterator[Keyframe]:
         """Yield each readable photograph as a keyframe, linked to the previous one where the two overlap.
 
         ``load`` returns the picture of each of ``count`` frames, or None; several are read at a time.
         """
         number = -1
         before: Features | None = None
-        each = photographs(load, count, self.extractor, self.camera, self._masks, self._known)
+        each = photographs(load, count, self.extractor, self.camera, self._masks, self._known, memory)
         for photograph in self._usable(each):
             if not self._has_features(photograph):
                 continue
             link, features = None, photograph.features
             if before is not None:
-                link = register(
-                    number, number + 1, before, features, self.camera, self.homography, self.gates
-                )
+                link = memory.link(number, before, features, partial(
+                    register, number, number + 1, before, features, self.camera, self.homography, self.gates
+                ))  # fmt: skip
             number, before = number + 1, features
             link, refused = (link, None) if link is None or link.ok else (None, link)
             yield Keyframe(photograph.frame, features, link, refused)

@@ -7,6 +7,7 @@ vehicle alone, which is the same for the whole floor.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 from weakref import WeakKeyDictionary
@@ -141,6 +142,15 @@ class LineTracker:
             if continued.speed_std_m_s < drift.speed_std_m_s:
                 drift = continued.at_keyframe(view.frame)
         self._keep(_Followed(view, drift))
+
+    @property
+    def state(self) -> tuple[tuple[int, Drift], ...]:
+        """Frames that were followed last, with the drift at their times."""
+        return tuple((frame, followed.drift) for frame, followed in self._recent.items())
+
+    def resume(self, state: tuple[tuple[int, Drift], ...], view_of: Callable[[int], View]) -> None:
+        """Go on from a state; ``view_of`` gives the one view of each frame."""
+        self._recent = {frame: _Followed(view_of(frame), drift) for frame, drift in state}
 
     def _keep(self, followed: _Followed) -> None:
         """Keep the last two pictures: the newest is registered again if the one before becomes a keyframe."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import blake2b
 from typing import Protocol, runtime_checkable
@@ -16,8 +16,9 @@ from frontend.camera import Camera
 from frontend.features import Extractor, Features
 from frontend.masking import unless_hidden
 from frontend.picture_check import REDUCTIONS, unusable_reason
+from frontend.registration import Registration
 from frontend.views import SAME_PICTURE, Load, Masks
-from frontend.workers import workers
+from frontend.workers import Ready, workers
 
 Image = NDArray[np.uint8]
 
@@ -61,12 +62,49 @@ class _Wanted:
 
 
 @dataclass(frozen=True)
-class _Found:
+class SearchedPhotograph:
     """Result of one job."""
 
-    digest: bytes = b""
+    digest: NDArray[np.uint8] = field(default_factory=lambda: np.empty(0, np.uint8))
+    """Digest of the pixels."""
     unusable: str = ""
     features: Features | None = None
+
+
+class SearchMemory(Protocol):
+    """Searches and links of an earlier run over the same photographs."""
+
+    def recall(self, frame: int) -> SearchedPhotograph | None:
+        """Return the result for a photograph; None where it is not known."""
+
+    def keep(self, frame: int, found: SearchedPhotograph) -> None:
+        """Keep the result for a photograph."""
+
+    def link(
+        self, number: int, before: Features, features: Features, work: Callable[[], Registration]
+    ) -> Registration:
+        """Return the link of two successive keyframes, the first of which has a number; by ``work`` where it
+        is not known."""
+
+
+class NoSearchMemory:
+    """Nothing is known."""
+
+    def recall(self, frame: int) -> SearchedPhotograph | None:
+        """Know nothing."""
+        return None
+
+    def keep(self, frame: int, found: SearchedPhotograph) -> None:
+        """Forget the result."""
+
+    def link(
+        self, number: int, before: Features, features: Features, work: Callable[[], Registration]
+    ) -> Registration:
+        """Do the work."""
+        return work()
+
+
+NO_SEARCH_MEMORY = NoSearchMemory()
 
 
 def photographs(
@@ -76,17 +114,25 @@ def photographs(
     camera: Camera,
     masks: Masks,
     known: Callable[[int], Features | None],
+    memory: SearchMemory = NO_SEARCH_MEMORY,
 ) -> Iterator[tuple[int, Photograph | str]]:
     """Yield the number of each of ``count`` photographs, and the photograph or the reason for having none.
 
     ``masks`` and ``known``: as in `frontend.keyframes.Tracker`.
     """
     earlier: deque[Features | None] = deque()  # of the photographs that are handed out
+    new: set[int] = set()
 
-    def wanted() -> Iterator[_Wanted]:
+    def wanted() -> Iterator[_Wanted | Ready[SearchedPhotograph | None]]:
         for frame in range(count):
             mask = masks(frame)
             earlier.append(unless_hidden(known(frame), mask, camera))
+            is_whole = mask is None and earlier[-1] is None
+            if is_whole and (before := memory.recall(frame)) is not None:
+                yield Ready(before)
+                continue
+            if is_whole:
+                new.add(frame)
             yield _Wanted(frame, mask, earlier[-1] is not None)
 
     at_once, before = extractor.config.searched_at_once(camera.size_px), b""
@@ -99,7 +145,9 @@ def photographs(
         if found is None:
             yield frame, "unreadable"
             continue
-        same, before = found.digest == before, found.digest
+        if frame in new:
+            memory.keep(frame, found)
+        same, before = found.digest.tobytes() == before, found.digest.tobytes()
         if found.unusable or same:
             yield frame, found.unusable or SAME_PICTURE
             continue
@@ -108,7 +156,7 @@ def photographs(
         yield frame, Photograph(frame, features)
 
 
-def _looked_at(search: _Search, wanted: _Wanted) -> _Found | None:
+def _looked_at(search: _Search, wanted: _Wanted) -> SearchedPhotograph | None:
     """Return the features of a photograph; None if it cannot be read."""
     image = search.load(wanted.frame)
     if image is None:
@@ -116,6 +164,7 @@ def _looked_at(search: _Search, wanted: _Wanted) -> _Found | None:
     digest = blake2b(f"{image.shape}{image.dtype}".encode(), digest_size=16)
     digest.update(np.ascontiguousarray(image).data)
     unusable = unusable_reason(image, search.camera.size_px, search.reductions)
+    seen = np.frombuffer(digest.digest(), np.uint8)
     if unusable or wanted.known:
-        return _Found(digest.digest(), unusable)
-    return _Found(digest.digest(), features=search.extractor(image, search.camera, wanted.mask))
+        return SearchedPhotograph(seen, unusable)
+    return SearchedPhotograph(seen, features=search.extractor(image, search.camera, wanted.mask))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,13 +77,14 @@ class Views:
         assert self._pool is not None
         return view.extract_ahead(self._pool)
 
-    def each(self, images: Iterable[Image | None]) -> Iterator[tuple[int, View | str]]:
-        """Yield the number and the view of each picture, or the reason for having none."""
+    def each(self, images: Iterable[Image | None], first: int = 0) -> Iterator[tuple[int, View | str]]:
+        """Yield the number and the view of each picture, or the reason for having none; the first picture has
+        the number ``first``."""
         coming: deque[tuple[int, View | str]] = deque()
         before: Image | None = None
         waiting = self._at_once if self._look_ahead else 0
         with ThreadPoolExecutor(self._at_once) as self._pool:
-            for frame, image in enumerate(images):
+            for frame, image in enumerate(images, first):
                 view = self._view(frame, image, before)
                 if self.ahead and waiting and isinstance(view, View):
                     self.extract(view)
@@ -92,6 +93,21 @@ class Views:
                 if len(coming) > waiting:
                     yield coming.popleft()
             yield from coming
+
+    def read_again(self, load: Load) -> Callable[[int], View]:
+        """Return a function of the number of a usable picture that gives its view, one of each.
+
+        It raises ``LookupError`` where the picture can no longer be read.
+        """
+
+        @cache
+        def view_of(frame: int) -> View:
+            image = load(frame)
+            if image is None:
+                raise LookupError(f"picture {frame} can no longer be read")
+            return View(frame, image, self._masks, self._extract)
+
+        return view_of
 
     def _view(self, frame: int, image: Image | None, before: Image | None) -> View | str:
         if image is None:

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from slam.core.errors import one_line
 from slam.core.progress import silent
 
 if TYPE_CHECKING:
@@ -72,6 +73,11 @@ class Screen:
         """Print a line of text as it is, without markup."""
         if self.shows_tables:
             console().print(text, markup=False, style=style)
+
+    def note(self, text: str) -> None:
+        """Print a line about the run on standard error; nothing with ``--quiet``."""
+        if not self._quiet:
+            print(f"slam: {one_line(text)}", file=sys.stderr)
 
     def files(self, paths: Sequence[Path]) -> None:
         """Print the paths of the files that a person opens first."""

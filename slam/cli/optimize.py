@@ -14,6 +14,7 @@ from slam.cli import options
 if TYPE_CHECKING:
     from slam.cli.console import Screen
     from slam.cli.results import MosaicOptions, Results
+    from slam.core.checkpoints import Checkpoints
     from slam.core.estimate import Estimate
     from slam.core.figure_table import FigureTable
     from slam.core.flight import Flight
@@ -74,6 +75,7 @@ class _FlightOptions:
     gcp: Path | None
     check: tuple[str, ...]
     gcp_std_m: float | None
+    resume: bool
 
 
 def optimize(
@@ -93,6 +95,7 @@ def optimize(
     gcp_std: Annotated[float | None, _GCP_STD] = None,
     topic: Annotated[list[str] | None, options.TOPICS] = None,
     picture_rate: Annotated[float | None, options.PICTURE_RATE] = None,
+    resume: Annotated[bool, options.RESUME] = True,
     cluster: Annotated[bool, options.CLUSTER] = False,
     scheduler: Annotated[str | None, options.SCHEDULER] = None,
     quiet: Annotated[bool, options.QUIET] = False,
@@ -112,7 +115,7 @@ def optimize(
     else:
         mosaics = MosaicOptions(mosaic, gsd, out, crs)
         settings = options.pipeline_config(config, features)
-        wanted = _FlightOptions(settings, model, incremental, mcap, gcp, tuple(check or ()), gcp_std)
+        wanted = _FlightOptions(settings, model, incremental, mcap, gcp, tuple(check or ()), gcp_std, resume)
         request = options.request_of(topic, picture_rate)
         with options.on_cluster(cluster, scheduler):
             results = _flights(sources, request, out, mosaics, wanted, screen)
@@ -132,6 +135,7 @@ def _flights(
     wanted: _FlightOptions,
     screen: Screen,
 ) -> Results:
+    from slam.cli.checkpoints import checkpoints_beside
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
     from slam.cli.sources_table import show_sources
@@ -153,10 +157,11 @@ def _flights(
         flight = _joined(flights, wanted)
         if mosaic.crs is not None:
             _refuse_place(mosaic.crs, flight)
-        if instruments is not None:
-            return _corrected(instruments, flights, flight, folder, mosaic, wanted, progress)
-        estimate, tables = _mapped(flight, wanted, progress)
-        return _written(folder, estimate, flight, mosaic, wanted, progress, tables)
+        with checkpoints_beside(folder, flight, wanted.settings, wanted.resume, screen.note) as kept:
+            if instruments is not None:
+                return _corrected(instruments, flights, flight, folder, mosaic, wanted, progress, kept)
+            estimate, tables = _mapped(flight, wanted, progress, kept)
+            return _written(folder, estimate, flight, mosaic, wanted, progress, tables)
 
 
 def _refuse_system(system: str, has_mosaic: bool) -> None:
@@ -220,7 +225,7 @@ def _written(
 
 
 def _mapped(
-    flight: Flight, wanted: _FlightOptions, progress: Progress
+    flight: Flight, wanted: _FlightOptions, progress: Progress, kept: Checkpoints
 ) -> tuple[Estimate, tuple[FigureTable, ...]]:
     """Return the map, and the table that ``--incremental`` asks for."""
     from slam.core.heap import trim_heap
@@ -228,7 +233,7 @@ def _mapped(
     from slam.mapping.pipeline import optimize_with_observations
     from slam.report.tables.evaluation import keyframe_by_keyframe_table
 
-    estimate, observations = optimize_with_observations(flight, wanted.settings, progress)
+    estimate, observations = optimize_with_observations(flight, wanted.settings, progress, checkpoints=kept)
     tables: tuple[FigureTable, ...] = ()
     if wanted.incremental:
         compared = keyframe_by_keyframe(flight, observations, wanted.settings, progress)
@@ -246,6 +251,7 @@ def _corrected(
     mosaic: MosaicOptions,
     wanted: _FlightOptions,
     progress: Progress,
+    kept: Checkpoints,
 ) -> Results:
     """Map corrected readings; with truth, compare the map with that of the readings as ``recorded``."""
     from slam.cli.output_folder import MODEL_NAME
@@ -257,7 +263,7 @@ def _corrected(
     save_model(model, folder / MODEL_NAME)
     results = [correct_flight(flight, model) for flight in flights]
     flight = _joined([each.flight.with_warning(each.summary(model)) for each in results], wanted)
-    estimate, tables = _mapped(flight, wanted, progress)
+    estimate, tables = _mapped(flight, wanted, progress, kept)
     if any(each.corrected_terms for each in results) and can_be_compared(recorded):
         tables = (map_gain_table([map_gain(recorded, flight, estimate, wanted.settings, progress)]), *tables)
     return _written(folder, estimate, flight, mosaic, wanted, progress, tables)

@@ -43,6 +43,10 @@ PICTURE_RATE = typer.Option(
     min=1e-3,
     help="Most pictures per second to take from a recording; default: all.",
 )
+RESUME = typer.Option(
+    "--resume/--no-resume",
+    help="Go on where a run into the same folder was killed, with what still fits; or compute all anew.",
+)
 CLUSTER = typer.Option(
     "--cluster", help="Share the work among processes of Dask, one on each core; needs the extra cluster."
 )

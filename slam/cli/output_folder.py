@@ -17,7 +17,7 @@ from slam.cli.supervisor import LESS_MEMORY
 from slam.core.errors import InputError, explain, one_line
 from slam.core.version import VERSION
 from slam.experiments.registry import NAMES as EXPERIMENTS
-from slam.io.atomic import atomic_folder, is_working_folder, partial_path
+from slam.io.atomic import atomic_folder, is_working_folder, kept_path, was_killed
 from slam.io.files import OUTPUT_MARKER, read_bytes
 
 MARKER_NAME = OUTPUT_MARKER
@@ -137,6 +137,8 @@ _WAS_KILLED = (
 )
 """A control group with memory.oom.group kills all its processes: the run then cannot say it itself."""
 
+_IS_KEPT = "what was computed is kept; the same command goes on with it, or run it with --no-resume"
+
 _MARK = "summary.json"
 """File of every finished output."""
 
@@ -159,11 +161,18 @@ def output_folder(target: str | Path, inputs: Sequence[Path] = ()) -> Iterator[P
                 f"{target}: --out would replace {str(path)!r}, which the command reads; choose another --out"
             )
     _refuse_foreign(target, target)
-    was_killed = is_working_folder(partial_path(target))  # or it still runs, and is refused below
+    killed = was_killed(target)  # or it still runs, and is refused below
     with atomic_folder(target, may_replace=lambda folder: _refuse_foreign(folder, target)) as folder:
-        if was_killed:
+        if killed:
             print(f"slam: {one_line(str(target))}: {_WAS_KILLED}", file=sys.stderr)
-        yield folder
+        try:
+            yield folder
+        except InputError:
+            raise
+        except BaseException:
+            if kept_path(folder).exists():
+                print(f"slam: {one_line(str(target))}: {_IS_KEPT}", file=sys.stderr)
+            raise
         _write_marker(folder)
 
 

@@ -33,6 +33,7 @@ from slam.core.flight import (
     with_unique_names,
 )
 from slam.core.messages import same_kind
+from slam.core.picture_content import content_key
 
 Array = NDArray[np.float64]
 _Series = TypeVar("_Series", Sonar, AttitudeSeries, Gps, Truth)
@@ -182,24 +183,38 @@ def _shifted(flight: Flight, shift_s: float) -> Flight:
     return flight.restamped(JOINED_STREAMS, lambda stamps_s: stamps_s + shift_s)
 
 
-def _frames(parts: Sequence[Flight]) -> Frames:
-    pictures = [flight.frames for flight in parts if flight.frames is not None]
-    start = np.cumsum([0, *(len(p) for p in pictures)])
-    failures: dict[int, str] = {}
+class JoinedPictures:
+    """Loader of the pictures of several flights, one flight after the other."""
 
-    def load(k: int) -> Image | None:
-        which = int(np.searchsorted(start, k, side="right")) - 1
-        local = k - int(start[which])
-        picture = pictures[which].load(local)
-        if picture is None and local in pictures[which].failures:
-            failures[k] = pictures[which].failures[local]
+    def __init__(self, pictures: Sequence[Frames]) -> None:
+        self._pictures, self.failures = pictures, dict[int, str]()
+        self._start = np.cumsum([0, *(len(p) for p in pictures)])
+
+    def __call__(self, k: int) -> Image | None:
+        """Return picture k, or None with the reason in ``failures``."""
+        frames, local = self._place(k)
+        picture = frames.load(local)
+        if picture is None and local in frames.failures:
+            self.failures[k] = frames.failures[local]
         return picture
 
+    def content_key(self, k: int) -> bytes | None:
+        """Return that of the picture in its flight."""
+        return content_key(*self._place(k))
+
+    def _place(self, k: int) -> tuple[Frames, int]:
+        which = int(np.searchsorted(self._start, k, side="right")) - 1
+        return self._pictures[which], k - int(self._start[which])
+
+
+def _frames(parts: Sequence[Flight]) -> Frames:
+    pictures = [flight.frames for flight in parts if flight.frames is not None]
+    load = JoinedPictures(pictures)
     return Frames(
         np.concatenate([p.stamps_s for p in pictures]),
         tuple(f"{flight.name}/{file}" for flight, p in zip(parts, pictures, strict=True) for file in p.names),
         load,
-        failures,
+        load.failures,
     )
 
 

@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from slam.core.errors import DISK_FULL, explain
+from slam.core.errors import DISK_FULL, InputError, explain
 from slam.io.files import refusal
 
 _MARKER = "slam-working-folder.txt"
@@ -28,6 +28,8 @@ _OLD = "old"
 """Subfolder of the working folder: the earlier folder, moved aside and not yet checked again."""
 _REPLACED = "replaced"
 """Subfolder of the working folder: the earlier folder, checked; it goes when its successor is in place."""
+_KEPT = "checkpoint"
+"""File of the working folder: results with which the next run goes on, if this one is ended from outside."""
 _FLUSHED_AT_ONCE = 8
 """Files that are flushed at the same time."""
 
@@ -48,9 +50,21 @@ def is_working_folder(folder: Path) -> bool:
             _NEW,
             _OLD,
             _REPLACED,
+            _KEPT,
         }
     except OSError:
         return False
+
+
+def kept_path(new: Path) -> Path:
+    """Return the file beside a folder that `atomic_folder` gives, which stays until a run has finished."""
+    return new.parent / _KEPT
+
+
+def was_killed(target: Path) -> bool:
+    """Return whether a run that wrote ``target`` was killed, or still runs."""
+    work = partial_path(target)
+    return is_working_folder(work) and {*os.listdir(work)} != {_MARKER, _KEPT}
 
 
 def write_whole(path: Path | str, content: bytes) -> None:
@@ -92,13 +106,19 @@ def atomic_folder(path: Path | str, may_replace: Callable[[Path], None] | None =
     ``InputError`` for a folder that may not be replaced. It is asked at the start and again at the end, after
     the old folder was moved aside; until then the old folder stays as it is. Raises ``InputError`` where the
     target is refused, cannot be written, or another run is writing there.
+
+    The file at `kept_path`, which the caller may write, stays where the block ends by any other exception.
     """
     target = Path(path)
     with _working_folder(target) as work:
         new, old = work / _NEW, work / _OLD
         check_free(target, may_replace)
-        with _as_input_error(target, written=work):
-            yield new
+        try:
+            with _as_input_error(target, written=work):
+                yield new
+        except InputError:  # the next run would end like this
+            _drop_kept(work)
+            raise
         with _as_input_error(target):
             _sync_tree(new)
             if target.exists() and any(target.iterdir()):
@@ -107,6 +127,7 @@ def atomic_folder(path: Path | str, may_replace: Callable[[Path], None] | None =
                 os.rename(old, work / _REPLACED)
             os.rename(new, target)
             _sync(target.parent)
+            _drop_kept(work)
 
 
 @contextmanager
@@ -228,6 +249,11 @@ def _remove(work: Path, target: Path) -> None:
         if os.listdir(work) == [_MARKER]:
             (work / _MARKER).unlink()
             work.rmdir()
+
+
+def _drop_kept(work: Path) -> None:
+    with suppress(OSError):
+        (work / _KEPT).unlink()
 
 
 def _sync(path: Path) -> None:

@@ -24,6 +24,7 @@ from PIL import Image as Pillow
 from frontend.picture_check import reduced_size
 from slam.core.flight import Image
 from slam.io.content import content_name
+from slam.io.content_key import digest_with, file_key
 from slam.io.levels import Levels, Raw, levels_of, range_of
 from slam.io.tiff import MAGIC as TIFF_MAGIC
 from slam.io.tiff import gdal_pixels, tiff_header, unusual_tiff
@@ -68,6 +69,10 @@ class PictureFiles:
     def __call__(self, k: int) -> Image | None:
         """Return picture k, or None with the reason in ``failures``."""
         return self.load_reduced(k, None)
+
+    def content_key(self, k: int) -> bytes | None:
+        """Return a digest of the file of picture k and of how it is read; None where it has no bytes."""
+        return digest_with(file_key(self.paths[k]), self.size_px, self.levels)
 
     def load_reduced(self, k: int, side_px: int | None) -> Image | None:
         """Return picture k as `read_image` reduces it, or None with the reason in ``failures``."""

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Image
+from slam.core.picture_content import KnowsContent
+from slam.io.content_key import digest_with
 from slam.io.images import UnreadableImageError, check_encoded, check_size, decode_image
 
 
@@ -39,6 +41,12 @@ class RecordedPictures:
         except UnreadableImageError as reason:
             self.failures[k] = str(reason)
             return None
+
+    def content_key(self, k: int) -> bytes | None:
+        """Return a digest of what the recording holds of picture k; None where that is not known."""
+        if not isinstance(self.fetch, KnowsContent):
+            return None
+        return digest_with(self.fetch.content_key(int(self.index[k])), self.size_px)
 
     def stored(self, k: int) -> Image | bytes | None:
         """Return picture k as the recording holds it, or None with the reason in ``failures``."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
+from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.flight import Flight, Gps
 from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
@@ -27,6 +28,8 @@ class Job:
     config: PipelineConfig
     progress: Progress
     timer: Stopwatch
+    checkpoints: Checkpoints = NO_CHECKPOINTS
+    """Work of an earlier run, and where that of this one is kept."""
 
 
 @dataclass(frozen=True)

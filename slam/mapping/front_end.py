@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +19,23 @@ from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation
 from frontend.opencv_features import FeatureUnavailableError
 from frontend.registration import Registration, overlap, refused, register
 from frontend.store import FeatureStore
-from frontend.tracked import IntermediateFrame, Keyframe
-from frontend.workers import Workers
+from frontend.tracked import IntermediateFrame
+from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Frames, Image
+from slam.core.flight import Flight
 from slam.core.progress import Progress
 from slam.mapping.config import PipelineConfig
 from slam.mapping.contradicted_step import ContradictedStep
-from slam.mapping.earlier_pass import EarlierPass, comparison_key
+from slam.mapping.earlier_pass import EarlierPass, Key, comparison_key
 from slam.mapping.floor_views import FloorViews
 from slam.mapping.floor_visibility import horizon_masks, joined
 from slam.mapping.obstacles import Masks, no_masks
+from slam.mapping.read_ahead import read_ahead
+from slam.mapping.resume.photographs import KeptPhotographs
+from slam.mapping.resume.registrations import KeptRegistrations
+from slam.mapping.resume.tracking import KeptTracking
 from slam.mapping.search_radius import SearchRadius
+from slam.mapping.tracked_pictures import TrackedPictures
 
 Array = NDArray[np.float64]
 
@@ -102,25 +108,6 @@ class Observations:
         return replace(self, registrations=kept, refused=(*self.refused, *taken), contradicted=contradicted)
 
 
-class TrackedPictures:
-    """The result of one pass over the frames: keyframes, in the order in which the tracker yields them."""
-
-    def __init__(self, tracker: Tracker) -> None:
-        self.tracker, self.store = tracker, FeatureStore()
-        self.frame_index: list[int] = []
-        self.links: list[Registration | None] = []
-        self.refused: list[Registration] = []
-        self.failures: dict[int, str] = {}
-        """Frames that no picture was given for, with the reason."""
-
-    def add(self, keyframe: Keyframe) -> None:
-        """Keep the next keyframe."""
-        self.store.append(keyframe.features)
-        self.frame_index.append(keyframe.frame)
-        self.links.append(keyframe.link)
-        self.refused += [keyframe.refused] if keyframe.refused is not None else []
-
-
 def extractor_of(config: PipelineConfig, camera: Camera) -> Extractor:
     """Return what finds the features. Raises ``InputError`` where OpenCV lacks the configured ones."""
     try:
@@ -140,9 +127,11 @@ class FrontEnd:
         progress: Progress,
         earlier: EarlierPass | None = None,
         masks: Masks = no_masks,
+        checkpoints: Checkpoints = NO_CHECKPOINTS,
     ) -> None:
         """``earlier``: work on the same pictures without masks. ``masks``: pixels that are not used, beside
-        those near the horizon by the attitude (`slam.mapping.floor_visibility`)."""
+        those near the horizon by the attitude (`slam.mapping.floor_visibility`). ``checkpoints``: work of an
+        earlier run."""
         width = camera.size_px[0]
         self.flight, self.camera, self.config, self.progress = flight, camera, config, progress
         self.earlier, self.work = earlier or EarlierPass(), EarlierPass()
@@ -150,6 +139,8 @@ class FrontEnd:
         self.masks = joined(masks, horizon_masks(flight, camera))
         self.homography = config.homography.for_width(width)
         self.extractor = extractor_of(config, camera)
+        self.checkpoints = checkpoints
+        self.kept = KeptRegistrations(checkpoints, camera, self.homography, config.gates)
 
     def tracker(self, look_ahead: bool = True, is_urged: IsUrged = lambda features: False) -> Tracker:
         """Return the tracker of one pass over the frames; ``look_ahead`` and ``is_urged`` as there."""
@@ -161,28 +152,40 @@ class FrontEnd:
 
     def track(self) -> Observations:
         """Go through the frames once: mask, track, gate, keyframe."""
-        flight, tracked = self.flight, TrackedPictures(self.tracker())
-        assert flight.frames is not None
-        for keyframe in self._keyframes(tracked.tracker):
-            tracked.add(keyframe)
+        if self.flight.all_keyframes:
+            tracked = TrackedPictures(self.tracker())
+            self._search(tracked)
+            return self.observations(tracked)
+        is_first = not self.is_masked and self.earlier.store is None
+        checkpoints, settings = self.checkpoints if is_first else NO_CHECKPOINTS, (self.camera, self.config)
+        kept = KeptTracking(checkpoints, self.flight, settings)
+        tracked, start = kept.resume(lambda: TrackedPictures(self.tracker()))
+        if start is not None:  # not all is tracked
+            images = read_ahead(self.flight, self.progress, start.frame)
+            for keyframe in tracked.tracker.keyframes(images, start, partial(kept.offer, tracked)):
+                tracked.add(keyframe)
+            kept.end(tracked)
         return self.observations(tracked)
 
-    def _keyframes(self, tracker: Tracker) -> Iterator[Keyframe]:
+    def _search(self, tracked: TrackedPictures) -> None:
+        """Add every photograph as a keyframe."""
         frames = self.flight.frames
         assert frames is not None
-        if not self.flight.all_keyframes:
-            yield from tracker.keyframes(read_ahead(self.flight, self.progress))
-            return
-        for keyframe in tracker.every(frames.load, len(frames)):
+        kept = KeptPhotographs(self.checkpoints, frames, self.camera, self.extractor.config, self.kept)
+        for keyframe in tracked.tracker.every(frames.load, len(frames), kept):
             self.progress("track", keyframe.frame + 1, len(frames))
-            yield keyframe
+            tracked.add(keyframe)
         self.progress("track", len(frames), len(frames))
+        if kept.recalled:
+            self.kept.recalled = 0  # links of successive photographs
+            self.checkpoints.say(f"resumed: {kept.recalled} of {len(frames)} photographs are searched")
 
     def observations(self, tracked: TrackedPictures) -> Observations:
         """Return what tracking found."""
         flight, tracker = self.flight, tracked.tracker
         assert flight.frames is not None
-        unreadable = {k: f"unreadable: {reason}" for k, reason in flight.frames.failures.items()}
+        read = tracked.unreadable | dict(flight.frames.failures)
+        unreadable = {k: f"unreadable: {reason}" for k, reason in read.items()}
         failures = unreadable | tracked.failures
         index = np.array(tracked.frame_index, dtype=np.int64)
         if not self.is_masked:
@@ -302,10 +305,11 @@ class FrontEnd:
         pairs = [pair for pair in dict.fromkeys(pairs) if pair not in known]
         held, refused = list(observations.registrations), list(observations.refused)
         keys = [comparison_key(observations.store, i, j, expected(i, j)) for i, j in pairs]
-        again = self.earlier.registrations
-        new = [pair for pair, key in zip(pairs, keys, strict=True) if key not in again]
+        found = {pair: self._known(*pair, key) for pair, key in zip(pairs, keys, strict=True)}
+        self.kept.tell(len(pairs))
+        new = {pair: key for pair, key in zip(pairs, keys, strict=True) if found[pair] is None}
         verdicts = verify(
-            new,
+            list(new),
             observations.store,
             self.camera,
             self.homography,
@@ -313,28 +317,23 @@ class FrontEnd:
             on_done=lambda done: self.progress(stage, done, len(new)),
             expected=expected,
         )
-        found = {(r.i, r.j): r for r in verdicts}
-        for (i, j), key in zip(pairs, keys, strict=True):
-            registration = found[i, j] if (i, j) in found else replace(again[key], i=i, j=j)
+        for r in verdicts:
+            found[r.i, r.j] = r
+            self.kept.keep(r, new[r.i, r.j])
+        for pair, key in zip(pairs, keys, strict=True):
+            registration = found[pair]
+            assert registration is not None
             self.work.registrations[key] = registration
             (held if registration.ok else refused).append(registration)
         return replace(observations, registrations=tuple(held), refused=tuple(refused))
+
+    def _known(self, i: int, j: int, key: Key) -> Registration | None:
+        """Return a registration of an earlier pass or of an earlier run."""
+        earlier = self.earlier.registrations.get(key)
+        return self.kept.recall(i, j, key) if earlier is None else replace(earlier, i=i, j=j)
 
 
 def _with_reasons(rejected: Counter[str], failures: Mapping[int, str]) -> Counter[str]:
     """The counts with what kept pictures from being read, where their loader knows it."""
     known = Counter(failures.values())
     return rejected - Counter(unreadable=known.total()) + known
-
-
-def read_ahead(flight: Flight, progress: Progress) -> Iterator[Image | None]:
-    """Pictures in order, the next one decoded while the last is worked on."""
-    assert flight.frames is not None
-    total = len(flight.frames)
-    for k, image in enumerate(Workers(1).map(_loaded, flight.frames, range(total), ahead=2)):
-        yield image
-        progress("track", k + 1, total)
-
-
-def _loaded(frames: Frames, k: int) -> Image | None:
-    return frames.load(k)

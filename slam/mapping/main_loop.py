@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from frontend.camera import Camera
 from slam.core.arguments import check_flight
+from slam.core.checkpoints import Checkpoints
 from slam.core.clock_steps import without_clock_steps
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
@@ -24,7 +25,7 @@ from slam.mapping.calibration.refuted import HELD, Freed, OddFocal, focal_held
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
 from slam.mapping.floor_visibility import without_horizon_frames
-from slam.mapping.front_end import Observations, TrackedPictures
+from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.obstacles import Obstacles, cleared_echoes, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.stages import (
@@ -39,6 +40,7 @@ from slam.mapping.stages import (
     track,
     with_freed,
 )
+from slam.mapping.tracked_pictures import TrackedPictures
 
 MOST_PASSES = 2
 """Obstacles bend the first map and are then misplaced in it; the second pass places them again."""
@@ -50,13 +52,17 @@ LEAST_LEFT = 0.5
 
 
 def map_flight(
-    flight: Flight, config: PipelineConfig, progress: Progress, tracked: TrackedPictures | None
+    flight: Flight,
+    config: PipelineConfig,
+    progress: Progress,
+    tracked: TrackedPictures | None,
+    checkpoints: Checkpoints,
 ) -> tuple[Estimate, Observations]:
     """Return the estimate of a flight, and the observations that it was made of."""
     map_large_blocks()
     camera = _camera(flight)
     flight = without_horizon_frames(without_clock_steps(in_radians(without_held_readings(flight))), camera)
-    job = Job(camera, config, progress, Stopwatch())
+    job = Job(camera, config, progress, Stopwatch(), checkpoints)
     # Threads of BLAS and of OpenCV would compete for the same cores.
     with threadpool_limits(1, "blas"):
         finished = _with_refuted_freed(_finished(job, flight, tracked), flight)

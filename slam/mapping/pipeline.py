@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.heap import trim_heap
 from slam.core.progress import Progress, silent
 
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
     from slam.core.estimate import Estimate
     from slam.core.flight import Flight
     from slam.mapping.config import PipelineConfig
-    from slam.mapping.front_end import Observations, TrackedPictures
+    from slam.mapping.front_end import Observations
+    from slam.mapping.tracked_pictures import TrackedPictures
 
 
 def optimize(flight: Flight, config: PipelineConfig | None = None, progress: Progress = silent) -> Estimate:
@@ -35,13 +37,14 @@ def optimize_with_observations(
     config: PipelineConfig | None = None,
     progress: Progress = silent,
     tracked: TrackedPictures | None = None,
+    checkpoints: Checkpoints = NO_CHECKPOINTS,
 ) -> tuple[Estimate, Observations]:
     """Return the estimate and the front end's observations: features, and registrations of keyframes.
 
     ``config`` as for ``optimize``; ``tracked``: the result of tracking the flight's pictures, if that is done
-    already.
+    already. ``checkpoints``: where the results of expensive work are kept, and those of an earlier run.
     """
     from slam.mapping.config import PipelineConfig
     from slam.mapping.main_loop import map_flight
 
-    return map_flight(flight, config or PipelineConfig(), progress, tracked)
+    return map_flight(flight, config or PipelineConfig(), progress, tracked, checkpoints)

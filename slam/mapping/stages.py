@@ -37,7 +37,7 @@ from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.contradicted_odometry import contradicted_step, without_step
 from slam.mapping.earlier_pass import EarlierPass
-from slam.mapping.front_end import FrontEnd, Observations, TrackedPictures
+from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.hidden_features import without_hidden
 from slam.mapping.inertial.fusion import fuse_parts
 from slam.mapping.inertial.measurements import inertial_measurements, reported_motion
@@ -50,6 +50,7 @@ from slam.mapping.refine import refine_map
 from slam.mapping.search_radius import KnownPoses, implausible_edges, search_radius
 from slam.mapping.setup import Setup
 from slam.mapping.solve_pose_graph import solve_pose_graph
+from slam.mapping.tracked_pictures import TrackedPictures
 from slam.mapping.tracking_gaps import without_false_links
 
 
@@ -65,7 +66,7 @@ def track(
     ``earlier``: work on the same pictures without masks. ``tracked``: pictures that are tracked already.
     Raises ``InputError`` where fewer than two pictures are usable.
     """
-    front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier, masks)
+    front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier, masks, job.checkpoints)
     with job.timer("track"), large_blocks_kept():
         observations = front_end.observations(tracked) if tracked else front_end.track()
         recorded, found = flight, _tracked_clock(flight, job, observations)
@@ -87,7 +88,7 @@ def hide(context: Context, found: Obstacles) -> tuple[Context, Observations] | N
     """
     job, flight = context.job, found.cleared(context.flight)
     earlier = context.front_end.work
-    front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier, found.masks)
+    front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier, found.masks, job.checkpoints)
     with job.timer("track"), large_blocks_kept():
         assert context.tracked is not None
         observations = without_hidden(context.tracked, front_end, found.masks)

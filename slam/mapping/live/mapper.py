@@ -24,7 +24,7 @@ from slam.core.flight import Flight, Image, Imu
 from slam.core.progress import Progress, silent
 from slam.mapping.config import PipelineConfig
 from slam.mapping.floor_visibility import without_horizon_frames
-from slam.mapping.front_end import FrontEnd, TrackedPictures
+from slam.mapping.front_end import FrontEnd
 from slam.mapping.inertial.measurements import stated_inertial
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.live.graph import LiveGraph, LiveLink
@@ -33,6 +33,7 @@ from slam.mapping.live.recording import LiveRecording
 from slam.mapping.live.rehearsal import rehearse
 from slam.mapping.live.worker import Worker
 from slam.mapping.pipeline import optimize_with_observations
+from slam.mapping.tracked_pictures import TrackedPictures
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from slam.cli.output_folder import (
     output_folder,
 )
 from slam.core.errors import InputError, explain
-from slam.io.atomic import locked, partial_path
+from slam.io.atomic import kept_path, locked, partial_path
 from tests.slam.cli.test_cli import SQUARE, run
 
 
@@ -229,6 +229,59 @@ def test_leftovers_of_a_killed_run_lock_nothing(target):
     with locked(target):
         pass
     assert os.listdir(target.parent) == ["out"]
+
+
+KEEPING = """
+import os, signal, sys
+from slam.cli.output_folder import output_folder
+from slam.io.atomic import kept_path
+with output_folder(sys.argv[1]) as folder:
+    kept_path(folder).write_text("results")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def keeping(target: Path, error: BaseException | None) -> None:
+    """A run that keeps results, and ends with an error."""
+    with output_folder(target) as folder:
+        kept_path(folder).write_text("results")
+        (folder / "summary.json").write_text("{}")
+        if error:
+            raise error
+
+
+def kept(target: Path) -> Path:
+    return kept_path(partial_path(target) / "new")
+
+
+def test_results_of_a_killed_run_stay_until_a_run_has_finished(target, capsys):
+    target.parent.mkdir(parents=True, exist_ok=True)
+    subprocess.run([sys.executable, "-c", KEEPING, str(target)], check=False)
+    assert kept(target).read_text() == "results"
+    with locked(target):  # `slam evaluate` of an earlier output
+        pass
+    assert kept(target).read_text() == "results"
+    with output_folder(target) as folder:
+        assert kept_path(folder).read_text() == "results"
+        (folder / "summary.json").write_text("{}")
+    assert os.listdir(target.parent) == ["out"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(143), MemoryError(), RuntimeError()])
+def test_an_interrupted_run_says_that_its_results_are_kept(target, capsys, error):
+    with pytest.raises(type(error)):
+        keeping(target, error)
+    assert kept(target).read_text() == "results"
+    assert "goes on with it" in capsys.readouterr().err
+    keeping(target, None)
+    assert "killed" not in capsys.readouterr().err
+    assert os.listdir(target.parent) == ["out"]
+
+
+def test_a_refused_input_keeps_nothing(target):
+    with pytest.raises(InputError):
+        keeping(target, InputError("refused"))
+    assert not target.parent.exists() or os.listdir(target.parent) == []
 
 
 KILLED_FILE = """

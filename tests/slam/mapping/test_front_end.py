@@ -19,7 +19,8 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight, Frames
 from slam.core.progress import silent
 from slam.mapping.config import PipelineConfig
-from slam.mapping.front_end import FrontEnd, Observations, read_ahead
+from slam.mapping.front_end import FrontEnd, Observations
+from slam.mapping.read_ahead import read_ahead
 from slam.mapping.search_radius import SearchRadius
 from tests.slam.small_flight import flown, only, seeing
 

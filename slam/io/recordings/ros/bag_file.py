@@ -30,7 +30,7 @@ class Bag(OpenBag):
 
     def __init__(self, path: Path, *later: Path) -> None:
         """Open a bag, with the ``later`` parts of a ROS 1 bag that was split."""
-        super().__init__(path)
+        super().__init__(path, *later)
         with optional_reader(path, DESCRIPTION, "ros"):
             from rosbags.highlevel import AnyReader
             from rosbags.typesys import Stores, get_typestore

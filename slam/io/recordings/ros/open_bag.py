@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C
 from slam.core.flight import Image
+from slam.io.content_key import digest_with, source_key
 from slam.io.files import brief
 from slam.io.images import UnreadableImageError, levels_of_sample, sample_of
 from slam.io.levels import Raw
@@ -48,8 +49,9 @@ class Channel(Protocol):
 class OpenBag(ABC):
     """Messages, the first one of each topic, and the mounts of the sensors."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, *later: Path) -> None:
+        """``later``: further files or folders of the same recording."""
+        self.path, self.later = path, later
         self.warnings: tuple[str, ...] = ()
         self.mounts = MountTree()
         self.first: dict[str, Message] = {}
@@ -179,6 +181,16 @@ class BagPictures:
         if isinstance(stored, bytes) or self._levels is None:
             return stored
         return self._levels.eight_bit(stored)
+
+    def content_key(self, k: int) -> bytes | None:
+        """Return a digest of the recording and of the place of picture k in it; None where it cannot be
+        read."""
+        topics = [(c.topic, c.msgtype) for c in self._connections]
+        return digest_with(self._source_key, topics, int(self._recorded_ns[k]), k, self._levels)
+
+    @cached_property
+    def _source_key(self) -> bytes | None:
+        return source_key((self._bag.path, *self._bag.later))
 
     def _sample(self) -> Iterator[tuple[Raw, bool]]:
         for k in sample_of(len(self._recorded_ns)):

@@ -6,6 +6,7 @@ The header has the drone's time of the picture. Source: Parrot, AR.Drone Develop
 from __future__ import annotations
 
 import mmap
+import shutil
 import struct
 import tempfile
 import weakref
@@ -127,6 +128,7 @@ def _pictures(path: Path, stream: _Stream) -> PictureChannel:
         for begin, end in stream.parts:
             file.seek(begin)
             copy.write(file.read(end - begin))
+    shutil.copystat(path, bare)  # by which a later run knows the pictures again
     fetch = VideoPictures(bare, np.arange(len(stream.numbers), dtype=float), is_timed=False)
     weakref.finalize(fetch, folder.cleanup)
     camera, notes = video_camera(first_size_of(bare), None, has_angles=False)

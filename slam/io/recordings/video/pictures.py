@@ -7,6 +7,7 @@ import threading
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Image
+from slam.io.content_key import digest_with, file_key
 from slam.io.files import brief, refusal
 from slam.io.images import UnreadableImageError
 
@@ -63,6 +65,14 @@ class VideoPictures:
         if not decoded or image is None:
             raise UnreadableImageError("damaged")
         return np.asarray(image, dtype=np.uint8)
+
+    def content_key(self, k: int) -> bytes | None:
+        """Return a digest of the file and of the time of picture k; None where the file cannot be read."""
+        return digest_with(self._file_key, float(self._stamps_s[k]), self._is_timed, self._held_back, k)
+
+    @cached_property
+    def _file_key(self) -> bytes | None:
+        return file_key(self._path)
 
     def _jump(self, k: int) -> None:
         margin = _FIRST_MARGIN if self._is_timed else len(self._stamps_s)

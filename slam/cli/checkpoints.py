@@ -1,0 +1,52 @@
+"""Results of a map's stages, beside the output folder, for the run after one that was killed."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable
+from contextlib import suppress
+from hashlib import blake2b
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from slam.core.packing import digest_of
+from slam.core.version import VERSION
+from slam.io.atomic import kept_path
+from slam.io.checkpoint_file import CheckpointFile
+
+if TYPE_CHECKING:
+    from slam.core.flight import Flight
+    from slam.mapping.config import PipelineConfig
+
+_PACKAGES = ("slam", "frontend", "backend")
+_LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "gtsam", "numba", "Pillow", "networkx")
+"""Distributions whose versions may change the bits of a result."""
+
+
+def checkpoints_beside(
+    folder: Path, flight: Flight, settings: PipelineConfig, resume: bool, say: Callable[[str], None]
+) -> CheckpointFile:
+    """Return the results of the run before, if it was ended from outside and this one would do the same.
+
+    ``folder``: the one that `slam.io.atomic.atomic_folder` gives. ``say`` prints a line.
+    """
+    made_by = {
+        "the program": program_digest().hex(),
+        "the settings": digest_of(settings).hex(),
+        "the flight": flight.name,
+    }
+    return CheckpointFile(kept_path(folder), made_by, resume, say)
+
+
+def program_digest() -> bytes:
+    """Return a digest of all that computes a result: this program's files and its libraries."""
+    found = blake2b(f"{VERSION} {platform.python_version()} {platform.machine()}".encode(), digest_size=16)
+    root = Path(__file__).resolve().parents[2]
+    for path in sorted(path for name in _PACKAGES for path in (root / name).rglob("*.py")):
+        found.update(path.relative_to(root).as_posix().encode())
+        found.update(path.read_bytes())
+    for library in _LIBRARIES:
+        with suppress(PackageNotFoundError):
+            found.update(f"{library} {version(library)}".encode())
+    return found.digest()

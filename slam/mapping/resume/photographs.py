@@ -1,0 +1,67 @@
+"""Photographs that an earlier run searched for features."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from frontend.camera import Camera
+from frontend.features import FeatureConfig, Features
+from frontend.photographs import SearchedPhotograph
+from frontend.points import Points
+from frontend.registration import Registration
+from slam.core.checkpoints import Checkpoints
+from slam.core.flight import Frames
+from slam.core.packing import UnpackError, digest_of, pack, unpack
+from slam.core.picture_content import content_key
+from slam.mapping.resume.registrations import KeptRegistrations
+
+_CLASSES = (SearchedPhotograph, Features, Points)
+
+
+class KeptPhotographs:
+    """Features of photographs by the content of their files, and links of successive ones."""
+
+    def __init__(
+        self,
+        checkpoints: Checkpoints,
+        frames: Frames,
+        camera: Camera,
+        config: FeatureConfig,
+        registrations: KeptRegistrations,
+    ) -> None:
+        self._checkpoints, self._frames, self._registrations = checkpoints, frames, registrations
+        self._settings = digest_of((camera, config)) if checkpoints.are_kept else b""
+        self._keys: dict[int, bytes] = {}
+        self.recalled = 0
+        """Photographs that an earlier run searched."""
+
+    def recall(self, frame: int) -> SearchedPhotograph | None:
+        """Return the result for a photograph; None where it is not known."""
+        key = content_key(self._frames, frame) if self._checkpoints.are_kept else None
+        if key is None:
+            return None
+        self._keys[frame] = digest_of((self._settings, key))
+        kept = self._checkpoints.recall("picture", self._keys[frame])
+        try:
+            found = None if kept is None else unpack(kept, _CLASSES)
+        except UnpackError:
+            return None
+        if not isinstance(found, SearchedPhotograph):
+            return None
+        self.recalled += 1
+        return found
+
+    def keep(self, frame: int, found: SearchedPhotograph) -> None:
+        """Keep the result for a photograph."""
+        key = self._keys.pop(frame, None)
+        if key is not None:
+            self._checkpoints.keep("picture", key, pack(found))
+
+    def link(
+        self, number: int, before: Features, features: Features, work: Callable[[], Registration]
+    ) -> Registration:
+        """Return the link of two successive keyframes, the first of which has a number; by ``work`` where it
+        is not known."""
+        if not self._checkpoints.are_kept:
+            return work()
+        return self._registrations.by(number, number + 1, (before, features), work)
