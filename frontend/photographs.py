@@ -74,11 +74,11 @@ class SearchedPhotograph:
 class SearchMemory(Protocol):
     """Searches and links of an earlier run over the same photographs."""
 
-    def recall(self, frame: int) -> SearchedPhotograph | None:
-        """Return the result for a photograph; None where it is not known."""
+    def recall(self, frame: int, mask: Image | None) -> SearchedPhotograph | None:
+        """Return the result for a photograph with a mask; None where it is not known."""
 
     def keep(self, frame: int, found: SearchedPhotograph) -> None:
-        """Keep the result for a photograph."""
+        """Keep the result for a photograph that was not known, with the mask that was asked for."""
 
     def link(
         self, number: int, before: Features, features: Features, work: Callable[[], Registration]
@@ -90,7 +90,7 @@ class SearchMemory(Protocol):
 class NoSearchMemory:
     """Nothing is known."""
 
-    def recall(self, frame: int) -> SearchedPhotograph | None:
+    def recall(self, frame: int, mask: Image | None) -> SearchedPhotograph | None:
         """Know nothing."""
         return None
 
@@ -127,13 +127,13 @@ def photographs(
         for frame in range(count):
             mask = masks(frame)
             earlier.append(unless_hidden(known(frame), mask, camera))
-            is_whole = mask is None and earlier[-1] is None
-            if is_whole and (before := memory.recall(frame)) is not None:
+            is_known = earlier[-1] is not None
+            if not is_known and (before := memory.recall(frame, mask)) is not None:
                 yield Ready(before)
                 continue
-            if is_whole:
+            if not is_known:
                 new.add(frame)
-            yield _Wanted(frame, mask, earlier[-1] is not None)
+            yield _Wanted(frame, mask, is_known)
 
     at_once, before = extractor.config.searched_at_once(camera.size_px), b""
     search = _Search(load, (1,), extractor, camera)

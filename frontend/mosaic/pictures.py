@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.mosaic.memory import NO_MOSAIC_MEMORY, MosaicMemory
 from frontend.mosaic.plan import MosaicPlan
 from frontend.picture_check import unusable_reason
 from frontend.views import Load
@@ -26,7 +27,16 @@ class Pictures:
     Several threads may use them. A copy in another process reads them anew.
     """
 
-    def __init__(self, plan: MosaicPlan, load: Load, max_mb: float = 256, is_copy: bool = False) -> None:
+    def __init__(
+        self,
+        plan: MosaicPlan,
+        load: Load,
+        max_mb: float = 256,
+        is_copy: bool = False,
+        memory: MosaicMemory = NO_MOSAIC_MEMORY,
+    ) -> None:
+        """``memory``: what an earlier run found in the pictures, for the process that hands out the jobs."""
+        self.memory = memory
         self._plan, self._load, self.max_mb, self._is_copy = plan, load, max_mb, is_copy
         self._cache: OrderedDict[int, Image] = OrderedDict()
         self._bytes = 0

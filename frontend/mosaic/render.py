@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from frontend.mosaic.blending import REACH_PX, MultiBand
 from frontend.mosaic.canvas import CELL_PX, Tile
 from frontend.mosaic.exposure import Exposure, Samples, estimate_exposure
+from frontend.mosaic.memory import remembered
 from frontend.mosaic.pictures import BRIGHT, DARK, Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import ground_heights, ground_maps, ground_seen
 from frontend.mosaic.view import Lattice
 from frontend.mosaic.window import SOFT_CELLS, fingerprint, owners_around, window_of
-from frontend.workers import Ready, Workers, workers
+from frontend.workers import Workers
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -66,7 +67,8 @@ def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None
     shared, count = _Exposed(plan, pictures), len(plan.views)
     if report:
         report("exposure", 0, count)
-    for index, found in enumerate(workers().map(_measured, shared, range(count))):
+    memory = pictures.memory.stage("exposure", plan)
+    for index, found in enumerate(remembered(memory, _measured, shared, range(count))):
         if found is not None:
             digest, part = found
             pictures.seen(index, digest)
@@ -137,14 +139,14 @@ def render_tiles(
     """
     tiles, marks = list(plan.tiles), list[tuple[str, bool]]()
 
-    def wanted() -> Iterator[Tile | Ready[Image | None]]:
-        for tile in tiles:
-            mark = fingerprint(plan, tile, pictures.digest, exposure)
-            old = earlier(tile, mark) if earlier else None
-            marks.append((mark, old is not None))
-            yield tile if old is None else Ready(old)
+    def reused(tile: Tile) -> Image | None:
+        mark = fingerprint(plan, tile, pictures.digest, exposure)
+        old = earlier(tile, mark) if earlier else None
+        marks.append((mark, old is not None))
+        return old
 
-    rendered = (share or workers()).map(_rendered, _Exposed(plan, pictures, exposure), wanted())
+    memory = pictures.memory.stage("tiles", plan, exposure)
+    rendered = remembered(memory, _rendered, _Exposed(plan, pictures, exposure), tiles, share, reused)
     if report:
         report("mosaic", 0, len(tiles))
     for done, (tile, rgba) in enumerate(zip(tiles, rendered, strict=True)):

@@ -161,7 +161,7 @@ def _flights(
             if instruments is not None:
                 return _corrected(instruments, flights, flight, folder, mosaic, wanted, progress, kept)
             estimate, tables = _mapped(flight, wanted, progress, kept)
-            return _written(folder, estimate, flight, mosaic, wanted, progress, tables)
+            return _written(folder, estimate, flight, mosaic, wanted, progress, tables, kept)
 
 
 def _refuse_system(system: str, has_mosaic: bool) -> None:
@@ -216,12 +216,13 @@ def _written(
     wanted: _FlightOptions,
     progress: Progress,
     tables: tuple[FigureTable, ...],
+    kept: Checkpoints,
 ) -> Results:
     """Write all files of the map."""
     from slam.cli.results import write_results
     from slam.report.optimize_report import Accuracy
 
-    return write_results(folder, estimate, flight, mosaic, progress, Accuracy(tables), wanted.mcap)
+    return write_results(folder, estimate, flight, mosaic, progress, Accuracy(tables), wanted.mcap, kept)
 
 
 def _mapped(
@@ -266,7 +267,7 @@ def _corrected(
     estimate, tables = _mapped(flight, wanted, progress, kept)
     if any(each.corrected_terms for each in results) and can_be_compared(recorded):
         tables = (map_gain_table([map_gain(recorded, flight, estimate, wanted.settings, progress)]), *tables)
-    return _written(folder, estimate, flight, mosaic, wanted, progress, tables)
+    return _written(folder, estimate, flight, mosaic, wanted, progress, tables, kept)
 
 
 def _graph(source: Path, out: Path, screen: Screen) -> Results:

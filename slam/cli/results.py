@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backend.wording import counted
+from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, GroundFacts
 from slam.core.figure_table import FigureTable
@@ -64,6 +65,7 @@ def write_results(
     progress: Progress,
     accuracy: Accuracy = Accuracy(),
     mcap: bool = False,
+    checkpoints: Checkpoints = NO_CHECKPOINTS,
 ) -> Results:
     """Write trajectory, graph, mosaics, summary and report of a flight, and ``map.mcap`` if wanted.
 
@@ -75,7 +77,7 @@ def write_results(
 
     write_solution(folder, estimate, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
     start = time.perf_counter()
-    mosaics, warning, made = _write_mosaics(folder, estimate, flight, options, progress)
+    mosaics, warning, made = _write_mosaics(folder, estimate, flight, options, progress, checkpoints)
     heights = write_elevation(estimate, folder, made.ground if made else None)
     if mcap:
         _write_map_mcap(folder, estimate, flight, progress)
@@ -203,7 +205,12 @@ def _relief_messages(ground: GroundFacts, metric: bool) -> list[str]:
 
 
 def _write_mosaics(
-    folder: Path, estimate: Estimate, flight: Flight, options: MosaicOptions, progress: Progress
+    folder: Path,
+    estimate: Estimate,
+    flight: Flight,
+    options: MosaicOptions,
+    progress: Progress,
+    checkpoints: Checkpoints,
 ) -> tuple[Mosaics, tuple[str, ...], MosaicFiles | None]:
     """Write the mosaics of the map and of the plain chain, and return warnings and what was made.
 
@@ -219,7 +226,7 @@ def _write_mosaics(
     chain_picture: Path | None = None
     try:
         earlier = options.previous_output / "mosaic.tif" if options.previous_output else None
-        made = write_mosaic(estimate, flight, folder, options.gsd_m, progress, earlier=earlier)
+        made = write_mosaic(estimate, flight, folder, options.gsd_m, progress, earlier, checkpoints)
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise
@@ -245,7 +252,9 @@ def _write_mosaics(
         notes.append(Note(kept))
     try:
         chain = chain_on_result(estimate)
-        chain_picture = write_chain_picture(estimate, flight, folder, chain, made.png_gsd_m, progress)
+        chain_picture = write_chain_picture(
+            estimate, flight, folder, chain, made.png_gsd_m, progress, checkpoints
+        )
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise

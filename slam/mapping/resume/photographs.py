@@ -10,7 +10,7 @@ from frontend.photographs import SearchedPhotograph
 from frontend.points import Points
 from frontend.registration import Registration
 from slam.core.checkpoints import Checkpoints
-from slam.core.flight import Frames
+from slam.core.flight import Frames, Image
 from slam.core.packing import UnpackError, digest_of, pack, unpack
 from slam.core.picture_content import content_key
 from slam.mapping.resume.registrations import KeptRegistrations
@@ -35,12 +35,12 @@ class KeptPhotographs:
         self.recalled = 0
         """Photographs that an earlier run searched."""
 
-    def recall(self, frame: int) -> SearchedPhotograph | None:
-        """Return the result for a photograph; None where it is not known."""
+    def recall(self, frame: int, mask: Image | None) -> SearchedPhotograph | None:
+        """Return the result for a photograph with a mask; None where it is not known."""
         key = content_key(self._frames, frame) if self._checkpoints.are_kept else None
         if key is None:
             return None
-        self._keys[frame] = digest_of((self._settings, key))
+        self._keys[frame] = digest_of((self._settings, key, mask))
         kept = self._checkpoints.recall("picture", self._keys[frame])
         try:
             found = None if kept is None else unpack(kept, _CLASSES)
@@ -52,7 +52,7 @@ class KeptPhotographs:
         return found
 
     def keep(self, frame: int, found: SearchedPhotograph) -> None:
-        """Keep the result for a photograph."""
+        """Keep the result for a photograph that was not known, with the mask that was asked for."""
         key = self._keys.pop(frame, None)
         if key is not None:
             self._checkpoints.keep("picture", key, pack(found))

@@ -20,6 +20,7 @@ from frontend.mosaic.plan import TOO_FAR, MosaicPlan, plan_mosaic
 from frontend.mosaic.render import measure_exposure, render_tiles
 from frontend.surface.misregistration import measure_misregistration
 from frontend.views import Load
+from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Image
@@ -28,6 +29,7 @@ from slam.core.lost_pictures import REDUNDANT
 from slam.core.progress import Progress, silent
 from slam.core.units import percent, unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
+from slam.report.rasters.kept_jobs import KeptJobs
 from slam.report.rasters.level_ground import is_level, levelled
 from slam.report.rasters.look_elsewhere import looking_elsewhere
 from slam.report.rasters.quality import write_quality
@@ -86,6 +88,7 @@ def write_mosaic(
     gsd_m: float | None = None,
     progress: Progress = silent,
     earlier: Path | None = None,
+    checkpoints: Checkpoints = NO_CHECKPOINTS,
 ) -> MosaicFiles:
     """Render the keyframes over the floor into mosaic.tif, .png, .pgw and _quality.tif.
 
@@ -100,8 +103,9 @@ def write_mosaic(
     disk refuses; the files of an earlier run then remain unchanged.
     """
     out_dir, poses = Path(out_dir), estimate.over_floor_T_b
+    apart, report = _apart(estimate, flight), _stage(progress, "mosaic")
     with _refusal(flight):
-        made = _planned(estimate, flight, poses, _apart(estimate, flight), gsd_m, _stage(progress, "mosaic"))
+        made = _planned(estimate, flight, poses, apart, gsd_m, report, checkpoints)
         made, ground, poses = _over_ground(made, estimate)
     plan = made.plan
     with _put_into(out_dir) as work:
@@ -165,6 +169,7 @@ def write_chain_picture(
     w_T_b: Array,
     gsd_m: float | None = None,
     progress: Progress = silent,
+    checkpoints: Checkpoints = NO_CHECKPOINTS,
 ) -> Path:
     """Render the keyframes at other poses (n, 4, 4), of the plain chain, into mosaic_chain.png and .pgw.
 
@@ -172,7 +177,7 @@ def write_chain_picture(
     """
     out_dir = Path(out_dir)
     with _refusal(flight):
-        made = _planned(estimate, flight, w_T_b, {}, gsd_m, _stage(progress, "mosaic_chain"))
+        made = _planned(estimate, flight, w_T_b, {}, gsd_m, _stage(progress, "mosaic_chain"), checkpoints)
     with _put_into(out_dir) as work:
         tif, png = work / "mosaic_chain.tif", work / "mosaic_chain.png"
         write_geotiff(tif, made.grid, _Tiles(made, lambda mark, shape: None).blocks())
@@ -208,6 +213,7 @@ def _planned(
     leave_out: dict[int, str],
     gsd_m: float | None,
     progress: Progress,
+    checkpoints: Checkpoints,
 ) -> _Planned:
     """Content and brightness of the pictures at poses (n, 4, 4), without those left out for a reason."""
     camera, frames = estimate.camera or flight.camera, flight.frames
@@ -220,6 +226,8 @@ def _planned(
     def load(k: int) -> Image | None:
         return frames[int(estimate.frame_index[k])].read()
 
+    memory = KeptJobs(checkpoints, frames, estimate.frame_index)
+
     def planned(leave_out: dict[int, str]) -> MosaicPlan:
         return plan_mosaic(
             camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out, unit=length
@@ -227,7 +235,7 @@ def _planned(
 
     plan = planned(leave_out)
     while True:
-        pictures = Pictures(plan, load, CACHE_MB)
+        pictures = Pictures(plan, load, CACHE_MB, memory=memory)
         exposure = measure_exposure(plan, pictures, progress)
         if not pictures.unusable:
             return _Planned(plan, pictures, load, exposure, estimate.origin, estimate.metric, progress)
@@ -274,7 +282,7 @@ def _planned_over(
         unit(estimate.metric), replace(surface, height_m=surface.height_m - np.float32(lowest_m)), bounds_m,
     )  # fmt: skip
     over = replace(over, note=plan.note, beyond=plan.beyond)
-    pictures = Pictures(over, made.load, CACHE_MB)
+    pictures = Pictures(over, made.load, CACHE_MB, memory=made.pictures.memory)
     exposure = measure_exposure(over, pictures, made.progress)
     ground = replace(
         ground,
