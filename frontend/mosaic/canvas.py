@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 CELL_PX = 16
 """Side of the cells to which owners are assigned. The blending pyramid requires a power of two."""
+SOFT_CELLS = 2
+"""Smoothing radius of the owners, in cells. A picture can take over from another one within this distance."""
 TILE_PX = 1024
 """Side of a tile, a multiple of the cell's side."""
 MAX_PIXELS = 4e9

@@ -3,7 +3,8 @@
 The owner of a cell is the picture that sees it best: far from the picture's border, from above, at the
 resolution of the mosaic. Owners are assigned once for the whole mosaic, so that a tile rendered alone equals
 the same tile of the whole. A greedy cover selects pictures: one is kept only if it sees some ground clearly
-better than those kept before. The work then depends on the area, not on the length of the flight.
+better than those kept before. The work then depends on the area, not on the length of the flight. What stands
+on the ground has one owner: `frontend.mosaic.structures`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.mosaic.canvas import CELL_PX, MosaicError, MosaicGrid, SquareGrid, grid_over
 from frontend.mosaic.extent import CANVAS_RATIO, intersection, share_within, union
+from frontend.mosaic.structures import own_whole
 from frontend.mosaic.surface import Surface, ground_heights, ground_maps, ground_seen
 from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, visible
 
@@ -210,7 +212,15 @@ def _owners(
     kept.sort()
     number = np.full(len(views) + 1, -1, np.int32)
     number[kept] = np.arange(len(kept))
-    return tuple(views[i] for i in kept), number[owner]
+    used, owner = tuple(views[i] for i in kept), number[owner]
+    if surface is None:
+        return used, owner
+
+    def shown(view: MosaicView, lattice: Lattice) -> Float32:
+        weight = _weights(camera, view, lattice, canvas.gsd_m, surface)
+        return np.where(weight > HIDDEN, weight, np.float32(0))
+
+    return used, own_whole(owner, surface, canvas, used, shown)
 
 
 def _without_distant_groups(views: list[MosaicView]) -> tuple[list[MosaicView], dict[int, str]]:

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.mosaic.blending import REACH_PX, MultiBand
-from frontend.mosaic.canvas import CELL_PX, Tile
+from frontend.mosaic.canvas import CELL_PX, SOFT_CELLS, Tile
 from frontend.mosaic.exposure import Exposure, Samples, estimate_exposure
 from frontend.mosaic.memory import remembered
 from frontend.mosaic.pictures import BRIGHT, DARK, Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import ground_heights, ground_maps, ground_seen
 from frontend.mosaic.view import Lattice
-from frontend.mosaic.window import SOFT_CELLS, fingerprint, owners_around, window_of
+from frontend.mosaic.window import fingerprint, owners_around, window_of
 from frontend.workers import Workers
 
 Array = NDArray[np.float64]

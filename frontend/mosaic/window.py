@@ -16,12 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.mosaic.blending import REACH_PX
-from frontend.mosaic.canvas import CELL_PX, Tile
+from frontend.mosaic.canvas import CELL_PX, SOFT_CELLS, Tile
 from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.plan import MosaicPlan
-
-SOFT_CELLS = 2
-"""Smoothing radius of the owners, in cells. A picture can take over from another one within this distance."""
 
 
 def window_of(tile: Tile) -> Tile:

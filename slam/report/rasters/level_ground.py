@@ -64,16 +64,7 @@ def levelled(ground: MeasuredGround, plan: MosaicPlan, estimate: Estimate) -> Me
     )
     source = taken(plane.source, HeightSource.LEVEL).astype(np.uint8)
     surface = Surface(lattice.west_m, lattice.north_m, plane.cell_m, height_m, std_m, source)
-    at_m = ground.disagreement.at_m
-    if at_m is not None:
-        x, y = w_R_f[:2, :2] @ at_m
-        at_m = float(x), float(y)
-    return replace(
-        ground,
-        surface=surface,
-        over_plane=OverPlane(taken(pits, False), height_std_m, bounds_m),
-        disagreement=replace(ground.disagreement, at_m=at_m),
-    )
+    return replace(ground, surface=surface, over_plane=OverPlane(taken(pits, False), height_std_m, bounds_m))
 
 
 def level_bounds(plan: MosaicPlan, estimate: Estimate) -> dict[int, Array]:

@@ -18,6 +18,7 @@ from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import TOO_FAR, MosaicPlan, plan_mosaic
 from frontend.mosaic.render import measure_exposure, render_tiles
+from frontend.surface.disagreement import disagreement
 from frontend.surface.misregistration import measure_misregistration
 from frontend.views import Load
 from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
@@ -284,10 +285,12 @@ def _planned_over(
     over = replace(over, note=plan.note, beyond=plan.beyond)
     pictures = Pictures(over, made.load, CACHE_MB, memory=made.pictures.memory)
     exposure = measure_exposure(over, pictures, made.progress)
+    over_surface = measure_misregistration(over, pictures, made.progress)
     ground = replace(
         ground,
         surface=without_unseen(surface, over),
-        over_surface=measure_misregistration(over, pictures, made.progress),
+        over_surface=over_surface,
+        disagreement=disagreement(over_surface, over),
     )
     return replace(made, plan=over, pictures=pictures, exposure=exposure), ground
 

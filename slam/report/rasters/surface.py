@@ -162,4 +162,4 @@ def measure_ground(
     over_surface = measure_misregistration(replace(plan, surface=surface), pictures, progress)
     if not is_better(over_surface, over_floor):
         return MeasuredGround(over_floor, None, disagreement=disagreement(over_floor, plan))
-    return MeasuredGround(over_floor, surface, disagreement=disagreement(over_surface, plan))
+    return MeasuredGround(over_floor, surface)
