@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 _ME = "tests.benchmarks.growth"
 
 SIZES = (400, 1600, 6400)
-WARM = 25
+WARM = 100
 """Photographs that are mapped first, so that compilation and imports are in no stage's time."""
 MOST_EXPONENT, MOST_MEMORY = 1.1, 1.5
 SIZE_PX, FOCAL_35MM = (500, 375), 35
