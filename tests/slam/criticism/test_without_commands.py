@@ -156,7 +156,9 @@ def test_an_attitude_that_lags_is_no_error_of_the_speed(time_s):
         return replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles))
 
     parameters = filter_parameters_of(load_model("nominal"))
-    found = search_linear(likelihood_of(compared([lagging(f) for f in flights()]), parameters))
+    rows = compared([lagging(f) for f in flights()])
+    assert all("attitude.delay_s" in r.traces for every in rows for r in every if r.kind == "velocity")
+    found = search_linear(likelihood_of(rows, parameters))
     sizes = found.last.sizes(found.chosen)
     assert not any(effect.is_term for effect in found.chosen), sizes
     assert abs(sizes["attitude.delay_s"] - abs(time_s)) < 0.015
