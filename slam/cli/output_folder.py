@@ -51,6 +51,7 @@ RASTERS_IN_SYSTEM = {
     "mosaic.tif": "mosaic_crs.tif",
     "mosaic_quality.tif": "mosaic_quality_crs.tif",
     "elevation.tif": "elevation_crs.tif",
+    "altitude.tif": "altitude_crs.tif",
 }
 """Raster of a map on Earth -> its copy in UTM, or in the system that ``slam optimize --crs`` names."""
 

@@ -121,7 +121,7 @@ def _write_in_system(folder: Path, estimate: Estimate, wanted: str | None) -> tu
     system = wanted or UTM
     if system.lower() == NO_SYSTEM:
         return ()
-    names = {name: RASTERS_IN_SYSTEM[name] for name in rasters_in(folder)}
+    names = {name: RASTERS_IN_SYSTEM[name] for name in rasters_in(folder, estimate)}
     if not names:
         return (f"--crs {system}: there are no rasters to write in it",) if wanted else ()
     if estimate.origin is None:

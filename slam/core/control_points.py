@@ -36,6 +36,8 @@ class SurveyedPoint:
     datum_std_m: float = 0.0
     """Standard deviation east and north of what all points of a list share: the error of the transformation
     from their datum to WGS 84."""
+    height_system: str = ""
+    """The level of altitudes, as `slam.core.height_systems` names it; empty if nobody states it."""
     role: Role = "control"
     """A check point is held out: the map is compared with it."""
     fault: str = ""
@@ -47,7 +49,8 @@ class SurveyedPoint:
     def origin(self) -> GeoOrigin:
         """The point as the origin of a world; an unknown altitude is 0."""
         known = math.isfinite(self.altitude_m)
-        return GeoOrigin(self.latitude_deg, self.longitude_deg, self.altitude_m if known else 0.0, known)
+        altitude_m, system = (self.altitude_m, self.height_system) if known else (0.0, "")
+        return GeoOrigin(self.latitude_deg, self.longitude_deg, altitude_m, known, system)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +102,13 @@ class ControlReport:
     """Factor on the stated deviations of the survey, where its residuals ask for more."""
     misread: str = ""
     """Why no pixel of the points is trusted; empty if they are."""
+    height_system: str = ""
+    """The level of the altitudes of the points that are used; empty if nobody states one for all."""
+
+    @property
+    def has_heights(self) -> bool:
+        """Whether a point that the map follows has an altitude."""
+        return any(p.used and math.isfinite((p.surveyed_m or (math.nan,))[-1]) for p in self.points)
 
     @property
     def is_followed(self) -> bool:

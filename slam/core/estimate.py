@@ -294,8 +294,14 @@ class Estimate:
         """Whether an altitude is known on Earth, by fixes or by control points that the map follows."""
         if self.origin is None or self.origin.altitude_known:
             return self.origin is not None
-        points = () if self.control is None else self.control.points
-        return any(p.used and np.isfinite((p.surveyed_m or (np.nan,))[-1]) for p in points)
+        return self.control is not None and self.control.has_heights
+
+    @property
+    def height_system(self) -> str:
+        """The level of altitudes, as `slam.core.height_systems` names it; empty if not known."""
+        if self.control is not None and self.control.has_heights:
+            return self.control.height_system
+        return "" if self.origin is None or not self.origin.altitude_known else self.origin.height_system
 
     @property
     def placed(self) -> NDArray[np.bool_]:

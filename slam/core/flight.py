@@ -170,6 +170,8 @@ class Gps(Instrument):
     stds_m: Array | None = None
     """(n, 3) standard deviations of each fix where they differ much, such as with and without RTK;
     ``noise_std_m`` is their median then. None where that holds for all."""
+    height_system: str = ""
+    """The level of altitudes, as `slam.core.height_systems` names it; empty if nobody states it."""
 
     @property
     def each_std_m(self) -> Array:
@@ -343,6 +345,7 @@ class Flight:
             float(gps.longitude_deg[k]),
             float(altitude[0]) if len(altitude) else 0.0,
             altitude_known=len(altitude) > 0,
+            height_system=gps.height_system if len(altitude) else "",
         )
 
 

@@ -51,6 +51,8 @@ class GeoOrigin:
     """0 where none is known."""
     altitude_known: bool = True
     """Whether an altitude is known."""
+    height_system: str = ""
+    """The level from which it counts, as `slam.core.height_systems` names it; empty if nobody states it."""
 
     @property
     def text(self) -> str:

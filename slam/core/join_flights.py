@@ -296,6 +296,12 @@ def _assumed(parts: Sequence[Any], name: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(key for part in parts for key in getattr(part, name)))
 
 
+def _common(parts: Sequence[Any], name: str) -> str:
+    """Return what all flights state; empty where one states nothing or another thing."""
+    stated = {getattr(part, name) for part in parts}
+    return str(stated.pop()) if len(stated) == 1 else ""
+
+
 _RULES: dict[str, Callable[[Sequence[Any], str], Any]] = {
     **dict.fromkeys(("stamps_s", "range_m", "roll_pitch_yaw_rad", "w_T_b", "w_v_m_s"), _concatenated),
     **dict.fromkeys(("latitude_deg", "longitude_deg", "altitude_m"), _concatenated),
@@ -306,5 +312,6 @@ _RULES: dict[str, Callable[[Sequence[Any], str], Any]] = {
     "stds_m": _each_std,
     "b_T_s": _mount,
     "assumed": _assumed,
+    "height_system": _common,
 }
 """Field of a series -> its value for several flights. A field without a rule is an error."""

@@ -66,6 +66,8 @@ class Summary:
     """The ground of the mosaic; None without a mosaic."""
     control: ControlReport | None = None
     """Control points and check points; None without any."""
+    height_system: str | None = None
+    """The level of altitudes, ``unknown`` if nobody states it; None without a place on Earth."""
     row_mistakes: tuple[RowMistake, ...] = ()
     """Rejected edges of a pose graph that one typical mistake of their rows explains."""
     certificate: Certificate | None = None
@@ -114,6 +116,8 @@ class Summary:
             record["ground"] = asdict(self.ground)
         if self.control is not None:
             record |= _control_record(self.control)
+        if self.height_system is not None:
+            record["height_system"] = self.height_system
         if self.row_mistakes:
             record["row_mistakes"] = [asdict(each) for each in self.row_mistakes]
         if self.certificate is not None:
@@ -147,6 +151,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         information_shares=estimate.information_shares,
         ground=estimate.ground,
         control=estimate.control,
+        height_system=None if estimate.origin is None else estimate.height_system or "unknown",
         row_mistakes=estimate.row_mistakes,
         certificate=estimate.certificate,
     )

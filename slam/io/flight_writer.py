@@ -174,7 +174,8 @@ def _sensor_entries(series: Series) -> dict[str, object]:
             latitude = float(series.latitude_deg[0]) if len(series.latitude_deg) else 0.0
             noise = [north / METRES_PER_DEGREE, east / metres_per_degree_east(latitude), up]
             antenna = {"antenna_std": series.antenna_std_m} if series.antenna_std_m else {}
-            return {"noise_std": noise, **antenna}
+            heights = {"height_system": series.height_system} if series.height_system else {}
+            return {"noise_std": noise, **antenna, **heights}
         case Truth():
             return {"noise_std": [0.0] * 16}
     assert_never(series)

@@ -86,7 +86,10 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     firsts = np.array([by_name[point.name][0].place[:2] for point in points])
     first_known = next((place for place in geodetic.values() if np.isfinite(place).all()), None)
     std_m = 0.0 if first_known is None else system.datum_std_m(*first_known)
-    points = [replace(point, datum_std_m=float(np.nan_to_num(std_m))) for point in points]
+    points = [
+        replace(point, datum_std_m=float(np.nan_to_num(std_m)), height_system=system.height_system)
+        for point in points
+    ]
     notes = [*notes, *filter(None, [system.datum_note(std_m)])]
     if system.unit_note and any(row.place[2] is not None for row in rows):
         notes = [*notes, system.unit_note]

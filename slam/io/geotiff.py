@@ -31,6 +31,7 @@ from rasterio.windows import Window
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.geodesy import GeoOrigin
+from slam.core.height_systems import height_system_text
 from slam.io.atomic import atomic_file
 
 BLOCK_PX = 512
@@ -116,13 +117,14 @@ def height_tags(estimate: Estimate) -> dict[str, str]:
     """Return metadata that say where the heights of a map begin; none without a place on Earth."""
     if estimate.origin is None:
         return {}
-    control = estimate.follows_control_points
     if not estimate.altitude_known:
         return {"VERTICAL_DATUM": "the map's floor: no altitude is recorded"}
-    return {
-        "FLOOR_ALTITUDE_M": f"{estimate.origin.altitude_m + estimate.floor_z_m:.3f}",
-        "VERTICAL_DATUM": f"reference of the {'control points' if control else 'recorded altitudes'}",
-    }
+    tags = {"FLOOR_ALTITUDE_M": f"{estimate.origin.altitude_m + estimate.floor_z_m:.3f}"}
+    if estimate.height_system:
+        level = height_system_text(estimate.height_system)
+        return {**tags, "VERTICAL_DATUM": level, "VERTICAL_CRS": estimate.height_system}
+    of = "control points" if estimate.follows_control_points else "recorded altitudes"
+    return {**tags, "VERTICAL_DATUM": f"reference of the {of}"}
 
 
 def write_geotiff(

@@ -21,6 +21,7 @@ from slam.io.assumed import assumed_keys
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
 from slam.io.gps_accuracy import accuracy_in_metres, median_and_each, stated_stds, typical_accuracy
+from slam.io.gps_heights import stated_height_system
 from slam.io.plausibility import GYRO_LIMIT_RAD_S
 from slam.io.sensor_yaml import MAX_LEVER_M, YamlFile
 
@@ -80,7 +81,7 @@ KNOWN_KEYS = (
     "sensor_type", "comment", "T_BS", "rate_hz", "noise_std", "min_range", "max_range", "beam_width",
     "max_tilt", "resolution", "camera_model", "intrinsics", "distortion_model", "distortion_coefficients",
     "focal_std_ratio", "aspect_std_ratio", "center_std", "radial_std", "tangential_std", "mount_std",
-    "readout", "scale_std", "datum_std", "antenna_std", "assumed", *IMU_DENSITIES,
+    "readout", "scale_std", "datum_std", "antenna_std", "height_system", "assumed", *IMU_DENSITIES,
 )  # fmt: skip
 
 
@@ -282,6 +283,7 @@ def _motor(source: Source) -> Motor:
 
 def _gps(source: Source) -> Gps:
     b_T_s, antenna_std_m = source.sensor.transform(), source.sensor.std("antenna_std", 0.0, MAX_LEVER_M)
+    system = stated_height_system(source.sensor)
     for column, name, limit in ((0, "latitude", 90), (1, "longitude", 180)):
         too_large = np.abs(source.table.values[:, column]) > limit
         if too_large.any():
@@ -303,7 +305,7 @@ def _gps(source: Source) -> Gps:
     else:
         noise = typical_accuracy(stated_m) or Gps.noise_std_m
     noise, stds_m = median_and_each(stated_m, noise)
-    return Gps(source.stamps_s, latitude, longitude, altitude, noise, b_T_s, antenna_std_m, stds_m)
+    return Gps(source.stamps_s, latitude, longitude, altitude, noise, b_T_s, antenna_std_m, stds_m, system)
 
 
 def _truth(source: Source) -> Truth:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.errors import InputError
+from slam.core.height_systems import UNKNOWN
 from slam.core.messages import Note
 from slam.io.files import brief, refusal
 
@@ -81,8 +82,19 @@ class SurveySystem:
     @property
     def height_unit_m(self) -> float:
         """Return the unit of heights, metres where the system has none."""
-        found = _HEIGHT_UNIT.search(self.crs.to_wkt())
-        return float(found[1]) if found else 1.0
+        return height_unit_m(self.crs)
+
+    @property
+    def height_system(self) -> str:
+        """Return the code of its system of heights (`slam.core.height_systems`); empty if it names none."""
+        system = self.crs.to_dict(projjson=True)
+        for part in system.get("components", [system])[::-1]:
+            code = part.get("id", {})
+            if part.get("type") == "VerticalCRS" and code.get("authority") == "EPSG":
+                return f"EPSG:{code['code']}"
+        base = _base(system)
+        is_spatial = len(system.get("coordinate_system", {}).get("axis", ())) == 3
+        return f"EPSG:{base['code']}" if is_spatial and base.get("authority") == "EPSG" else UNKNOWN
 
     @property
     def unit_note(self) -> str:
@@ -158,6 +170,12 @@ def _base(system: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return authority and code of the geographic system below one in PROJ's JSON; empty if not known."""
     plane = system["components"][0] if "components" in system else system
     return dict(plane.get("base_crs", plane).get("id", {}))
+
+
+def height_unit_m(crs: CRS) -> float:
+    """Return the unit of the heights of a system, metres where it has none."""
+    found = _HEIGHT_UNIT.search(crs.to_wkt())
+    return float(found[1]) if found else 1.0
 
 
 def _crs(header: str) -> CRS | None:

@@ -185,7 +185,15 @@ class ControlVerdict:
         ``fixes``: the GPS fixes that it has.
         """
         rows = tuple(self._residual(k, bool(used[k])) for k in range(len(self.points)))
-        report = ControlReport(points=rows, survey_scale=self.scale, misread=self.misread)
+        systems = {
+            point.survey.height_system for point, is_used in zip(self.points, used, strict=True) if is_used
+        }
+        report = ControlReport(
+            points=rows,
+            survey_scale=self.scale,
+            misread=self.misread,
+            height_system=systems.pop() if len(systems) == 1 else "",
+        )
         measured = bundle.optimum.problem.measurements
         if not measured.positions:
             return report

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from slam.core.estimate import Estimate
 from slam.core.geodesy import UPS_NORTH, UPS_SOUTH, utm_epsg
+from slam.core.height_systems import height_system_text
 from slam.core.units import axis_names, unit
 
 _GEOID_M = 107
@@ -45,6 +46,8 @@ def datum_text(estimate: Estimate) -> str:
     floor = f"{origin.altitude_m + estimate.floor_z_m:.1f} m"
     if not estimate.altitude_known:
         return "count from the floor; no altitude is recorded, so nothing tells where that lies above the sea"
+    if estimate.height_system:
+        return f"count from the floor at {floor} over {height_system_text(estimate.height_system)}"
     if estimate.follows_control_points:
         return f"count from the floor at {floor} in the height system of the control points"
     return (

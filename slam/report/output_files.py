@@ -36,6 +36,7 @@ _FILES = (
     OutputFile("evaluation_error.png", "errors against the truth over time"),
     OutputFile("mosaic_crs.tif", "the map in UTM, or in the coordinate system of --crs"),
     OutputFile("elevation_crs.tif", "the heights in UTM, or in the coordinate system of --crs"),
+    OutputFile("altitude_crs.tif", "altitudes of the ground, in UTM or that system and their height system"),
     OutputFile("mosaic_quality_crs.tif", "how reliable the map is, in UTM, or in the system of --crs"),
     OutputFile("map.mcap", "the map for Foxglove and Rerun"),
     OutputFile("trajectory.tum", "where each keyframe was taken, as text"),

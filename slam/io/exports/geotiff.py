@@ -26,6 +26,7 @@ from rasterio.windows import Window
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.geodesy import GeoOrigin, geodetic_from_enu, utm_epsg
+from slam.io.exports.altitudes import with_heights, write_altitudes
 from slam.io.exports.exported_map import ExportedMap
 from slam.io.geotiff import BLOCK_PX, CACHE_MB, COG, height_tags
 
@@ -35,8 +36,11 @@ RASTERS = {
     "mosaic.tif": Resampling.cubic,
     "mosaic_quality.tif": Resampling.nearest,
     "elevation.tif": Resampling.nearest,
+    "altitude.tif": Resampling.nearest,
 }
 """Files and their resampling. Heights keep their values: none lies between roof and ground."""
+ALTITUDE = "altitude.tif"
+"""Altitudes of the ground in the height system of the map, made of its elevation."""
 _PIECE_PX = 2 * BLOCK_PX
 """Side of the squares that are resampled one after the other: 21 MB for the five bands of an elevation. Line
 by line, the blocks of a large mosaic leave the cache before the next line needs them, and are decoded again.
@@ -60,16 +64,20 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     Raises ``InputError`` for a map without rasters, and as `write_rasters` does.
     """
     folder = exported.folder
-    files = [] if folder is None else rasters_in(folder)
+    files = [] if folder is None else rasters_in(folder, exported.estimate)
     if folder is None or not files:
         raise InputError("--to geotiff: the map has no rasters; map the flight without --no-mosaic")
     target.mkdir(exist_ok=True)
     return write_rasters(exported.estimate, folder, {name: target / name for name in files}, exported.crs)
 
 
-def rasters_in(folder: Path) -> list[str]:
-    """Return the names of the rasters that an output folder has."""
-    return [name for name in RASTERS if (folder / name).is_file()]
+def rasters_in(folder: Path, estimate: Estimate) -> list[str]:
+    """Return the names of the rasters that can be made of an output folder.
+
+    Altitudes need a height system that is known.
+    """
+    has_altitude = (folder / "elevation.tif").is_file() and bool(estimate.height_system)
+    return [name for name in RASTERS if (folder / name).is_file() or (name == ALTITUDE and has_altitude)]
 
 
 def write_rasters(
@@ -84,13 +92,18 @@ def write_rasters(
     assert estimate.origin is not None
     crs = coordinate_system(system, estimate.origin)
     tags = height_tags(estimate)
-    for name in targets:
-        _refuse_break(folder / name, crs, system)
     with TemporaryDirectory(prefix=".crs-", dir=next(iter(targets.values())).parent) as work:
+        sources = {name: folder / name for name in targets}
+        if ALTITUDE in targets:
+            sources[ALTITUDE] = Path(work) / f"own_{ALTITUDE}"
+            write_altitudes(folder / "elevation.tif", sources[ALTITUDE], estimate)
+        for path in sources.values():
+            _refuse_break(path, crs, system)
         made = {name: Path(work) / name for name in targets}
         for name, path in made.items():
+            named = with_heights(crs, estimate.height_system) if name == ALTITUDE else crs
             try:
-                _reproject(folder / name, path, crs, RASTERS[name], tags)
+                _reproject(sources[name], path, crs, RASTERS[name], tags, named)
             except (RasterioError, CPLE_BaseError) as error:
                 reason = " ".join(str(error).split())
                 raise InputError(
@@ -201,8 +214,12 @@ def _stretch_note(crs: CRS, origin: GeoOrigin) -> tuple[str, ...]:
     )
 
 
-def _reproject(source: Path, target: Path, crs: CRS, resampling: Resampling, tags: dict[str, str]) -> None:
+def _reproject(
+    source: Path, target: Path, crs: CRS, resampling: Resampling, tags: dict[str, str], named: CRS
+) -> None:
     """Resample a raster piece by piece, and say where its heights begin; a plain one is left beside it.
+
+    ``named`` is the system that the file names: ``crs``, with that of its heights if it holds altitudes.
 
     Raises ``RasterioError`` where not all of it reaches the disk.
     """
@@ -211,7 +228,8 @@ def _reproject(source: Path, target: Path, crs: CRS, resampling: Resampling, tag
         with rasterio.open(source) as raster, WarpedVRT(raster, crs=crs, resampling=resampling) as warped:
             profile = {
                 "driver": "GTiff", "width": warped.width, "height": warped.height, "count": warped.count,
-                "dtype": warped.dtypes[0], "nodata": warped.nodata, "crs": crs, "transform": warped.transform,
+                "dtype": warped.dtypes[0], "nodata": warped.nodata,
+                "crs": named, "transform": warped.transform,
                 "tiled": True, "blockxsize": BLOCK_PX, "blockysize": BLOCK_PX, "compress": "deflate",
                 "zlevel": 1, "num_threads": "ALL_CPUS", "bigtiff": "IF_SAFER",
             }  # fmt: skip

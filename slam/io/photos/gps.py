@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from backend.wording import counted, either
 from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
+from slam.core.height_systems import UNKNOWN
 from slam.core.messages import Note
 from slam.core.names import listed
 from slam.io.gps_accuracy import median_and_each
@@ -63,9 +64,16 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
         altitude_m,
         std_m,
         stds_m=stds_m,
+        height_system=_height_system(fixes),
         assumed=("T_BS", "noise_std") if all(fix.std_m is None for fix in fixes) else ("T_BS",),
     )
     return gps, (*remarks, *accuracy)
+
+
+def _height_system(fixes: Sequence[PhotoPosition]) -> str:
+    """Return the level of the altitudes, empty where not all have the same."""
+    systems = {fix.height_system for fix in fixes if fix.altitude_m is not None}
+    return systems.pop() if len(systems) == 1 else UNKNOWN
 
 
 def _altitudes(fixes: Sequence[PhotoPosition]) -> tuple[Array, list[str]]:

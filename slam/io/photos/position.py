@@ -14,6 +14,7 @@ import numpy as np
 from PIL.ExifTags import GPS
 
 from slam.core.geodesy import MAX_ALTITUDE_M, position_fault
+from slam.core.height_systems import ELLIPSOID, SEA_LEVEL, UNKNOWN
 from slam.io.photos.tag_values import number, numbers, positive, text
 from slam.io.photos.xmp import Xmp
 
@@ -44,6 +45,8 @@ class PhotoPosition:
     """Standard deviations of east, north, up that the camera states."""
     rtk: str = ""
     """Solution of the RTK receiver: a value of `RTK_SOLUTIONS`; empty if the tags do not contain it."""
+    height_system: str = ""
+    """The level of ``altitude_m``, as `slam.core.height_systems` names it; empty if no tag tells."""
     height_above_takeoff_m: float | None = None
     unsigned_deg: tuple[float, float] | None = None
     """Latitude and longitude without their signs, where only letters are missing."""
@@ -89,6 +92,7 @@ def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:
         exif_altitude_m=exif_altitude,
         exif_gap_deg=gap_deg,
         std_m=_stated_std(gps, xmp),
+        height_system=_height_system(gps, xmp, altitude is not None),
         rtk=RTK_SOLUTIONS.get(int(_flag(xmp.text("drone", "RtkFlag"))), ""),
         height_above_takeoff_m=takeoff,
         unsigned_deg=unsigned,
@@ -189,10 +193,25 @@ def _std(value: Any) -> float | None:
     return found if found is not None and found <= MAX_ALTITUDE_M else None
 
 
+def _height_system(gps: dict[int, Any], xmp: Xmp, by_maker: bool) -> str:
+    """Return the level of the altitude, the maker's or Exif's, as far as the tags tell.
+
+    DJI's ``RtkAlt`` is a height over the ellipsoid (DJI, Onboard SDK: Flight Altitude); its other types
+    depend on the pressure of the air. The values 2 and 3 of GPSAltitudeRef, of Exif 3.0, name sea level. The
+    values 0 and 1 do so in Exif 2, and the ellipsoid in Exif 3.0, and many cameras write them of either.
+    """
+    if by_maker:
+        return ELLIPSOID if text(xmp.text("drone", "AltitudeType")).lower() == "rtkalt" else UNKNOWN
+    return SEA_LEVEL if _reference(gps.get(GPS.GPSAltitudeRef)) in (2, 3) else UNKNOWN
+
+
 def _below_sea(reference: Any) -> bool:
-    """Return whether GPSAltitudeRef is 1 (below sea level), or 3 of Exif 3.0 (below the ellipsoid)."""
-    code = reference[0] if isinstance(reference, bytes) and len(reference) == 1 else number(reference)
-    return code in (1, 3)
+    """Return whether GPSAltitudeRef is 1 (below the reference), or 3 of Exif 3.0 (below sea level)."""
+    return _reference(reference) in (1, 3)
+
+
+def _reference(tag: Any) -> float | None:
+    return tag[0] if isinstance(tag, bytes) and len(tag) == 1 else number(tag)
 
 
 def _flag(value: Any) -> float:

@@ -189,11 +189,13 @@ def with_gps(flight):
         ("attitude", "assumed", ("noise_std",)),
         ("gps", "antenna_std_m", 0.3),
         ("gps", "assumed", ("T_BS",)),
+        ("gps", "height_system", ""),
     ],
 )
 @pytest.mark.parametrize("changed", [0, 1])
 def test_what_any_of_the_flights_states_worse_holds_for_all(two, series, field, value, changed):
     flights = [with_gps(flight) for flight in two]
+    flights = [of_series(gps={"height_system": "EPSG:5773"})(flight) for flight in flights]
     limits = {"max_range_m": 6.0, "min_range_m": 0.25, "scale_std": 0.05}
     flights = [of_series(sonar=limits)(flight) for flight in flights]
     flights[changed] = of_series(**{series: {field: value}})(flights[changed])

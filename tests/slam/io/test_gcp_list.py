@@ -157,6 +157,26 @@ def test_the_accuracy_of_the_transformation_of_a_datum(
     assert [f"good to {std_m:g} m" in note for note in notes] == [True] * (std_m > 0)
 
 
+@pytest.mark.parametrize(
+    ("header", "system"),
+    [
+        ("EPSG:32632", ""),
+        ("WGS84 UTM 32N", ""),
+        ("EPSG:25832+5783", "EPSG:5783"),
+        ("EPSG:32632+6360", "EPSG:6360"),
+    ],
+)
+def test_heights_have_the_system_that_is_named(tmp_path, header, system):
+    points, _ = read(tmp_path, [header, *ROWS])
+    assert {point.height_system for point in points} == {system}
+    assert points[0].origin.height_system == system
+
+
+def test_degrees_with_heights_are_over_the_ellipsoid(tmp_path):
+    (point,), _ = read(tmp_path, ["EPSG:4979", "8.5362 47.4028 402.5 10 20 DJI_0010.JPG north"])
+    assert point.height_system == "EPSG:4979"
+
+
 def test_degrees_are_longitude_first_and_points_without_a_name_have_numbers(tmp_path):
     rows = [f"8.536 47.403 NaN {u} 20 DJI_00{u}.JPG" for u in (10, 30)]
     ((point,), _) = read(tmp_path, ["EPSG:4326", *rows, "8.537 47.403 3 1 1 DJI_0010.JPG"][:3])

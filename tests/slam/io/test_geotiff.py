@@ -19,7 +19,9 @@ from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
 from slam.core.flight import GeoOrigin
 from slam.core.geodesy import geodetic_from_enu
+from slam.core.summary import summarise
 from slam.io.geotiff import Block, Grid, height_tags, write_bands, write_geotiff, write_png
+from slam.report.coordinates import datum_text
 from tests.slam.made_estimate import made_estimate
 
 ORIGIN = GeoOrigin(30.1712345678, -98.0897654321, 300.0)
@@ -201,3 +203,21 @@ def test_a_raster_names_its_coordinate_system_and_says_where_heights_begin(tmp_p
     surveyed = replace(used, surveyed_m=(1.0, 2.0, 3.0))
     by_control = replace(no_altitude, control=ControlReport(points=(surveyed,)))
     assert height_tags(by_control)["VERTICAL_DATUM"] == "reference of the control points"
+
+
+def test_a_level_that_is_stated_is_told(tmp_path):
+    """Control points with heights place the map in their system; without, it keeps that of the fixes."""
+    origin = replace(ORIGIN, height_system="EPSG:4979")
+    estimate = replace(made_estimate(), origin=origin, floor_z_m=-1.5)
+    tags = height_tags(estimate)
+    assert (tags["VERTICAL_DATUM"], tags["VERTICAL_CRS"]) == ("the WGS 84 ellipsoid (EPSG:4979)", "EPSG:4979")
+    assert summarise(estimate).to_json()["height_system"] == "EPSG:4979"
+    assert "over the WGS 84 ellipsoid (EPSG:4979)" in datum_text(estimate)
+    flat = PointResidual(name="P", role="control", used=True, reason="", views=3, surveyed_m=(1, 2, np.nan))
+    for up, system in ((np.nan, "EPSG:4979"), (3.0, "EPSG:5783")):
+        points = (replace(flat, surveyed_m=(1.0, 2.0, up)),)
+        control = ControlReport(points=points, height_system="EPSG:5783")
+        assert height_tags(replace(estimate, control=control))["VERTICAL_CRS"] == system
+    unknown = replace(estimate, origin=ORIGIN)
+    assert summarise(unknown).to_json()["height_system"] == "unknown"
+    assert "height_system" not in summarise(replace(estimate, origin=None)).to_json()

@@ -25,7 +25,7 @@ from slam.io.files import refusal
 from slam.io.gps_accuracy import with_accuracy
 from slam.io.recordings.logs import field_values
 from slam.io.recordings.logs.completed import ACCURACY, completed, range_entries
-from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
+from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, above_sea_level, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
 from slam.io.recordings.logs.sticks import stick_from_pulses
 from slam.io.recordings.recording import COPY_AGAIN, Recording
@@ -185,7 +185,9 @@ RULES: tuple[FieldRule, ...] = (
     FieldRule("sonar0", "RFND", ("Dist", "Stat", "Orient"), _range, "m, facing down", range_entries),
     FieldRule("sonar0", "RFND", ("Dist1",), _older_range, "m, facing down", range_entries),
     FieldRule("attitude0", "ATT", ("Roll", "Pitch", "Yaw"), _attitude, _ANGLES),
-    FieldRule("gps0", "GPS", ("Lat", "Lng", "Alt", "Status"), _gps, "deg, m above sea level"),
+    FieldRule(
+        "gps0", "GPS", ("Lat", "Lng", "Alt", "Status"), _gps, "deg, m above sea level", above_sea_level
+    ),
     FieldRule("battery0", "BAT", ("Volt",), _voltage, "V"),
     FieldRule("battery0", "CURR", ("Volt",), _voltage, "V"),
     FieldRule("barometer0", "BARO", ("Alt",), field_values.single("Alt"), "m"),

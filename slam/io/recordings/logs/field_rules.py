@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.height_systems import SEA_LEVEL
 from slam.core.progress import Progress
 from slam.io.recordings.logs.field_values import Converted, Fields
 from slam.io.recordings.recording import Content, Offer, Recording, StreamReadings
@@ -18,6 +19,11 @@ from slam.io.sensor_yaml import Value
 
 def _nothing(fields: Fields) -> dict[str, Value]:
     return {}
+
+
+def above_sea_level(fields: Fields) -> dict[str, Value]:
+    """Return the entry of ``gps0`` for altitudes over sea level, by the model that the receiver holds."""
+    return {"height_system": SEA_LEVEL}
 
 
 @dataclass(frozen=True)

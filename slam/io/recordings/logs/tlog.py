@@ -24,7 +24,7 @@ from slam.io.body_axes import angles_from_aviation, angles_from_ned_quaternion
 from slam.io.files import refusal
 from slam.io.gps_accuracy import with_accuracy
 from slam.io.recordings.logs import field_values
-from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
+from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, above_sea_level, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
 from slam.io.recordings.logs.mavlink import DECLARATIONS, Packet, telemetry
 from slam.io.recordings.logs.sticks import stick_from_pulses
@@ -136,7 +136,7 @@ RULES: tuple[FieldRule, ...] = (
     FieldRule("attitude0", "ATTITUDE", ("roll",), _attitude, _ANGLES),
     FieldRule("velocity0", "OPTICAL_FLOW_RAD", ("integrated_x",), _flow, "rad, m; to m/s forward and left"),
     FieldRule("battery0", "SYS_STATUS", ("voltage_battery",), _voltage, "mV to V"),
-    FieldRule("gps0", "GPS_RAW_INT", ("lat",), _gps, "1e-7 deg, mm above sea level"),
+    FieldRule("gps0", "GPS_RAW_INT", ("lat",), _gps, "1e-7 deg, mm above sea level", above_sea_level),
     FieldRule("barometer0", "SCALED_PRESSURE", ("press_abs",), _altitude, "hPa to m by ISO 2533"),
 )
 """The messages of MAVLink and what they become, in the order of preference."""

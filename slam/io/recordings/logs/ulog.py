@@ -21,7 +21,7 @@ from backend.wording import counted
 from slam.io.body_axes import angles_from_ned_quaternion
 from slam.io.gps_accuracy import with_accuracy
 from slam.io.recordings.logs import field_values
-from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
+from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, above_sea_level, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
 from slam.io.recordings.range_limits import Limits, limits_entries, stated_limits, within
 from slam.io.recordings.readers import damage_reported, optional_reader
@@ -154,8 +154,8 @@ RULES: tuple[FieldRule, ...] = (
         rule
         for kind in ("vehicle_gps_position", "sensor_gps")
         for rule in (
-            FieldRule("gps0", kind, (*_FIX_DEG, "fix_type"), _fix_deg, _DEG),
-            FieldRule("gps0", kind, (*_FIX_INTEGER, "fix_type"), _fix_integer, _INTEGER),
+            FieldRule("gps0", kind, (*_FIX_DEG, "fix_type"), _fix_deg, _DEG, above_sea_level),
+            FieldRule("gps0", kind, (*_FIX_INTEGER, "fix_type"), _fix_integer, _INTEGER, above_sea_level),
         )
     ),
     FieldRule("barometer0", "vehicle_air_data", ("baro_alt_meter",), _height, "m"),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from slam.core.height_systems import ELLIPSOID
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.io.body_axes import angles_from_quaternion
 from slam.io.gps_accuracy import with_accuracy
@@ -295,6 +296,7 @@ STANDARD_RULES: tuple[RosRule, ...] = (
         _position,
         _places,
         "deg, m above the ellipsoid",
+        nominal=lambda rows: {"height_system": ELLIPSOID},
     ),
     *(
         RosRule(_TRUTH, kind, row, _reference, _POSE, is_certain=is_reference, doubt=NO_TRUTH)

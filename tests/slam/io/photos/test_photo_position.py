@@ -92,6 +92,23 @@ def test_a_set_without_any_altitude_says_that_its_heights_count_from_the_floor(t
     assert not flight.geo_origin().altitude_known
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "system"),
+    [
+        ({"drone": {"AltitudeType": "RtkAlt", "AbsoluteAltitude": "+321.5"}},) * 2 + ("EPSG:4979",),
+        ({"drone": {"AltitudeType": "GpsFusionAlti", "AbsoluteAltitude": "+321.5"}},) * 2 + ("",),
+        ({"gps": {GPS.GPSAltitudeRef: b"\x02"}},) * 2 + ("EPSG:5773",),
+        ({"drone": {"AltitudeType": "RtkAlt", "AbsoluteAltitude": "+321.5"}}, {}, ""),
+        ({}, {}, ""),
+    ],
+)
+def test_altitudes_have_the_level_that_all_tags_tell(tmp_path, first, second, system):
+    files = {"a.jpg": jpeg(**first), "b.jpg": jpeg(**second, time="2024:05:06 07:08:10")}
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.gps.height_system == system
+    assert flight.geo_origin().height_system == system
+
+
 def test_zeros_beside_missing_altitudes_are_none_either(tmp_path):
     times = [f"2026:01:01 10:00:0{k}" for k in range(3)]
     files = {f"{k}.jpg": jpeg(altitude=each, time=times[k]) for k, each in enumerate((0, None, 0))}

@@ -79,6 +79,7 @@ def test_integer_positions_and_fixes(tmp_path):
     assert gps.latitude_deg == pytest.approx([-35.3632621, -35.3632620], abs=1e-9)
     assert gps.longitude_deg == pytest.approx([149.1652373, 149.1652374], abs=1e-9)
     assert gps.altitude_m[0] == pytest.approx(584.09, abs=1e-4)
+    assert gps.height_system == "EPSG:5773", "sea level by EGM96"
     assert np.isnan(gps.altitude_m[1])
 
 

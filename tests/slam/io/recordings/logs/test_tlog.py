@@ -98,6 +98,7 @@ def test_positions_of_integers(tmp_path):
     np.testing.assert_allclose(gps.latitude_deg, -35.3632621, atol=1e-9)
     np.testing.assert_allclose(gps.longitude_deg, 149.1652373, atol=1e-9)
     assert gps.altitude_m[0] == pytest.approx(584.09)
+    assert gps.height_system == "EPSG:5773", "sea level by EGM96"
     assert len(gps.stamps_s) == 2
     assert np.isnan(gps.altitude_m[1])
 

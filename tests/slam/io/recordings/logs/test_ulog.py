@@ -110,6 +110,7 @@ def test_integer_positions_are_scaled_and_fixes_are_required(tmp_path):
     assert flight.gps.altitude_m[0] == pytest.approx(488.123, abs=1e-9)
     assert np.isnan(flight.gps.altitude_m[1]), "a fix of two dimensions has no altitude"
     assert "gps0: 1 of 3 rows dropped: no position" in flight.warnings
+    assert flight.gps.height_system == "EPSG:5773", "sea level by EGM96"
 
 
 def test_newer_positions_are_in_degrees(tmp_path):

@@ -211,6 +211,7 @@ def test_a_receiver_without_a_fix_leaves_its_place_to_the_next(tmp_path):
     fixed = series("/b/fix", "gps", lambda header, k: M.fix(header, 0, 47.0, 8.0, 500.0))
     flight = read(ros1(tmp_path / "a.bag", [*none, *fixed]))
     assert flight.gps.latitude_deg[0] == 47.0
+    assert flight.gps.height_system == "EPSG:4979", "the ellipsoid"
     assert reason(flight, "/a/fix") == "no message has a value; take it by --topic gps0=/a/fix"
     assert flight.gps.noise_assumed, "no covariance is stated"
 
