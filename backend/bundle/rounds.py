@@ -12,8 +12,9 @@ from backend.bundle.factors import SLOPE
 from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables, start_calibration
 from backend.bundle.inertial.graph import without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise
+from backend.bundle.known_minima import minimum_of
 from backend.bundle.lens import is_uncertain
-from backend.bundle.minimise import BundleCost, BundleMinimum, BundleOptimum, minimise_bundle
+from backend.bundle.minimise import BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import TOLERANCE, estimate_noise, same_noise
 from backend.bundle.position_redundancy import absorbed_positions
 from backend.bundle.world import WorldTransform
@@ -61,11 +62,11 @@ def solve_rounds(
             noise = replace(
                 first, inertial=noise.inertial, reported=noise.reported, slope_rad=noise.slope_rad
             )
-        cost = BundleCost.of(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
         # From a level start, a hillside takes more steps than others to be found.
         limits = _LAST if last or number == of_any_slope else _BEFORE
-        minimum = minimise_bundle(cost, at, *limits, on_step)
+        made_of = problem, noise, used, start
+        cost, minimum = minimum_of(made_of, at, limits, minimise_bundle, on_step)
         at, iterations = minimum.at, iterations + minimum.iterations
         if last:
             break

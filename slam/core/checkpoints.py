@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal, Protocol
 
-Work = Literal["picture", "pair", "track", "mosaic"]
-"""Kinds of work: a search for features, a comparison of two pictures, a stretch of tracking, and a job on the
-pictures of a mosaic."""
+Work = Literal["picture", "pair", "track", "refine", "mosaic"]
+"""Kinds of work: a search for features, a comparison of two pictures, a stretch of tracking, a round of the
+refinement, and a job on the pictures of a mosaic."""
 
 
 class Checkpoints(Protocol):

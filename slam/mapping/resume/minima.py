@@ -1,0 +1,42 @@
+"""Minima of a refinement's rounds that an earlier run found."""
+
+from __future__ import annotations
+
+from backend.bundle.known_minima import PlainMinimum, PlainValues
+from slam.core.checkpoints import Checkpoints
+from slam.core.packing import UnpackError, digest_of, pack, unpack
+
+
+class KeptMinima:
+    """Minima by digests of what they are made of."""
+
+    def __init__(self, checkpoints: Checkpoints) -> None:
+        self._checkpoints = checkpoints
+        self._is_told = False
+
+    def recall(self, made_of: object) -> PlainMinimum | None:
+        """Return a minimum; None where it is not known."""
+        key = self._key(made_of)
+        kept = self._checkpoints.recall("refine", key) if key else None
+        try:
+            found = None if kept is None else unpack(kept, (PlainMinimum, PlainValues))
+        except UnpackError:
+            return None
+        if not isinstance(found, PlainMinimum):
+            return None
+        if not self._is_told:
+            self._is_told = True
+            self._checkpoints.say("resumed: rounds of the refinement are known")
+        return found
+
+    def keep(self, made_of: object, found: PlainMinimum) -> None:
+        """Keep a minimum."""
+        if key := self._key(made_of):
+            self._checkpoints.keep("refine", key, pack(found))
+
+    def _key(self, made_of: object) -> bytes:
+        """Return a digest; empty where nothing is kept, or where something is no plain data."""
+        try:
+            return digest_of(made_of) if self._checkpoints.are_kept else b""
+        except TypeError:
+            return b""
