@@ -32,7 +32,7 @@ def assert_within_what_is_told(estimate: Estimate, w_T_c: np.ndarray) -> None:
 
 
 def test_a_few_oblique_photographs_are_a_map():
-    w_T_c = poses(2, 2, np.random.default_rng(1), np.radians(45), 0.03)
+    w_T_c = poses(3, 1, np.random.default_rng(1), np.radians(45), 0.03)
     flight = flown(w_T_c, gimbal=True)
     estimate = optimize(flight)
     assert estimate.placed.all()
