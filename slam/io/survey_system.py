@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import re
-import sqlite3
 from collections.abc import Mapping
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 from slam.core.errors import InputError
 from slam.core.height_systems import UNKNOWN
 from slam.core.messages import Note
+from slam.io.datum_accuracy import datum_accuracy_m
 from slam.io.files import brief, refusal
 
 if TYPE_CHECKING:
@@ -30,16 +29,6 @@ _CODES = re.compile(r"(?:EPSG\s*:?\s*)?(\d{4,6})(?:\s*\+\s*(?:EPSG\s*:\s*)?(\d{4
 _WKT = re.compile(r"(PROJ|GEOG|GEOD|COMPOUND|COMPD_)(CS|CRS)\[", re.IGNORECASE)
 _HEIGHT_UNIT = re.compile(r'VERT_CS\[.*?UNIT\["[^"]*",([-+.\deE]+)', re.DOTALL)
 
-_ACCURACY = """
-    SELECT MIN(o.accuracy) FROM helmert_transformation o
-    JOIN usage u ON u.object_table_name = 'helmert_transformation'
-        AND u.object_auth_name = o.auth_name AND u.object_code = o.code
-    JOIN extent e ON e.auth_name = u.extent_auth_name AND e.code = u.extent_code
-    WHERE o.auth_name = 'EPSG' AND NOT o.deprecated AND o.source_crs_code = :datum
-        AND o.target_crs_code = '4326' AND :latitude BETWEEN e.south_lat AND e.north_lat
-        AND :longitude BETWEEN e.west_lon AND e.east_lon
-"""
-"""Accuracy of the best transformation to WGS 84 by seven parameters whose area holds a place."""
 _SAME_UNIT = 1e-9
 """Largest relative difference by rounding: the two feet in use differ by 2e-6."""
 
@@ -111,26 +100,8 @@ class SurveySystem:
         )
 
     def datum_std_m(self, longitude_deg: float, latitude_deg: float) -> float:
-        """Return the accuracy of the transformation of the datum to WGS 84 at a place; NaN if not known.
-
-        It is 0 for WGS 84 itself, and for datums that are taken to be the same, such as ETRS89 and NAD83: a
-        GPS with a base station in them has their positions. It is that of the best transformation without a
-        grid, as no grids come with this program. Source: EPSG's database, in the copy that PROJ has.
-        """
-        from rasterio._env import PROJDataFinder
-        from rasterio.warp import transform
-
-        base = _base(self.crs.to_dict(projjson=True))
-        if base.get("authority") != "EPSG":
-            return 0.0
-        here = [longitude_deg], [latitude_deg]
-        if np.allclose(transform(f"EPSG:{base['code']}", "EPSG:4326", *here), here, rtol=0, atol=1e-9):
-            return 0.0
-        folder = PROJDataFinder().search()
-        with closing(sqlite3.connect(f"file:{folder}/proj.db?mode=ro", uri=True)) as database:
-            codes = {"datum": str(base["code"]), "longitude": longitude_deg, "latitude": latitude_deg}
-            (best,) = database.execute(_ACCURACY, codes).fetchone()
-        return float("nan") if best is None else float(best)
+        """Return the accuracy of the transformation of the datum to WGS 84 at a place; NaN if not known."""
+        return datum_accuracy_m(self.crs, longitude_deg, latitude_deg)
 
     def datum_note(self, std_m: float) -> str:
         """Return a line about the accuracy of `datum_std_m`; empty for 0."""

@@ -26,6 +26,7 @@ from rasterio.windows import Window
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.geodesy import GeoOrigin, geodetic_from_enu, utm_epsg
+from slam.io.datum_accuracy import datum_accuracy_m
 from slam.io.exports.altitudes import with_heights, write_altitudes
 from slam.io.exports.exported_map import ExportedMap
 from slam.io.geotiff import BLOCK_PX, CACHE_MB, COG, height_tags
@@ -115,6 +116,7 @@ def write_rasters(
     return (
         f"coordinate system: {crs.to_string()}",
         *_stretch_note(crs, estimate.origin),
+        *_datum_note(crs, estimate.origin),
         f"heights are over {_floor(tags)}",
     )
 
@@ -211,6 +213,18 @@ def _stretch_note(crs: CRS, origin: GeoOrigin) -> tuple[str, ...]:
     return (
         f"a metre on the ground is {metre:.3g} m in this projection here: measure no lengths in it, or take "
         "utm",
+    )
+
+
+def _datum_note(crs: CRS, origin: GeoOrigin) -> tuple[str, ...]:
+    """Return a note about a system that is tied to WGS 84 worse than a survey."""
+    std_m = datum_accuracy_m(crs, origin.longitude_deg, origin.latitude_deg)
+    if std_m == 0:
+        return ()
+    good = "of unknown accuracy" if np.isnan(std_m) else f"good to {std_m:g} m"
+    return (
+        f"places are brought from WGS 84 into {crs.to_string()} by a transformation {good}: all may be off "
+        "by that in this system, alike; compare one with a point surveyed in it",
     )
 
 

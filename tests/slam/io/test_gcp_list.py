@@ -16,6 +16,7 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight, Frames, Gps
 from slam.core.geodesy import ECCENTRICITY_2
 from slam.core.join_flights import join_flights
+from slam.core.messages import Note
 from slam.core.surveyed_flight import with_surveyed
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.gcp_list import read_gcp_list, with_own_points, without_own_points
@@ -31,6 +32,15 @@ ROWS = [
     "465025.0 5250010.0 401 10 20 DJI_0010.JPG south check",
 ]
 FAULT = "465026.0 5250010.0 401 11 20 DJI_0020.JPG south"
+
+OSGB_BY_ESRI = (
+    'PROJCS["British_National_Grid",GEOGCS["GCS_OSGB_1936",DATUM["D_OSGB_1936",'
+    'SPHEROID["Airy_1830",6377563.396,299.3249646]],PRIMEM["Greenwich",0],UNIT["Degree",0.0174532925199433]],'
+    'PROJECTION["Transverse_Mercator"],PARAMETER["latitude_of_origin",49],PARAMETER["central_meridian",-2],'
+    'PARAMETER["scale_factor",0.9996012717],PARAMETER["false_easting",400000],'
+    'PARAMETER["false_northing",-100000],UNIT["metre",1]]'
+)
+"""EPSG:27700 as a .prj file has it, without codes."""
 
 
 def flight() -> Flight:
@@ -145,6 +155,11 @@ def test_heights_beside_feet_are_taken_in_metres_and_that_is_said(tmp_path):
         ("EPSG:25832", "465005.0 5249995.0 402.5", 47.4028, 8.5362, 0.0),
         ("EPSG:32632", "465005.0 5249995.0 402.5", 47.4028, 8.5362, 0.0),
         ("EPSG:2232+6360", "3143493.31 1694931.25 5249", 39.74, -104.99, 0.0),
+        ("+proj=tmerc +lon_0=9 +x_0=3500000 +datum=potsdam", "3465000 5250000 400", 47.4, 8.54, 3.0),
+        (OSGB_BY_ESRI, "530000 180000 50", 51.5, -0.13, 2.0),
+        ("+proj=utm +zone=32 +datum=WGS84", "465005.0 5249995.0 402.5", 47.4028, 8.5362, 0.0),
+        ("+proj=utm +zone=32 +ellps=GRS80", "465005.0 5249995.0 402.5", 47.4028, 8.5362, 0.0),
+        ("+proj=utm +zone=32 +ellps=GRS80 +towgs84=0,0,0", "465005 5249995 402", 47.4028, 8.5362, 0.0),
     ],
 )
 def test_the_accuracy_of_the_transformation_of_a_datum(
@@ -155,6 +170,19 @@ def test_the_accuracy_of_the_transformation_of_a_datum(
     (point,), notes = read(tmp_path, [header, f"{row} 10 20 DJI_0010.JPG north"], replace(flight(), gps=gps))
     assert point.datum_std_m == std_m
     assert [f"good to {std_m:g} m" in note for note in notes] == [True] * (std_m > 0)
+
+
+@pytest.mark.parametrize(
+    "datum", ["+ellps=bessel", "+ellps=bessel +towgs84=598.1,73.7,418.2,0.2,0.045,-2.455,6.7"]
+)
+def test_a_transformation_of_unknown_accuracy_is_told(tmp_path, datum):
+    """An ellipsoid without a datum, and parameters that the list itself states."""
+    gps = Gps(np.arange(3.0), np.full(3, 47.4), np.full(3, 8.54), np.full(3, 450.0))
+    header = f"+proj=tmerc +lon_0=9 +x_0=3500000 {datum}"
+    row = "3465000 5250000 400 10 20 DJI_0010.JPG north"
+    _, (note,) = read(tmp_path, [header, row], replace(flight(), gps=gps))
+    assert "of unknown accuracy" in note
+    assert not isinstance(note, Note)
 
 
 @pytest.mark.parametrize(

@@ -101,6 +101,26 @@ def test_a_projection_that_changes_lengths_is_told(folder, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("place", "code", "said"),
+    [
+        ((51.5, -0.13), 27700, "good to 2 m"),
+        ((47.4, 8.54), 31467, "good to 3 m"),
+        ((60.0, 8.54), 31467, "of unknown accuracy"),
+        ((47.4, 8.54), 25832, ""),
+        ((47.4, 8.54), 32632, ""),
+    ],
+)
+def test_a_system_that_is_tied_to_wgs_84_by_metres_only_is_told(tmp_path, place, code, said):
+    """OSGB36 (EPSG:1314), DHDN within Germany and beyond the area of its transformations, ETRS89, WGS 84."""
+    origin = GeoOrigin(*place, 0.0)
+    grid = Grid(-20.25, 10.25, 0.5, 80, 60, origin)
+    write_bands(tmp_path / "elevation.tif", grid, {"height": np.ones((60, 80), np.float32)})
+    there = exported(made_map(pose(), origin=origin), folder=tmp_path, crs=f"EPSG:{code}")
+    notes = export_map(there, "geotiff", tmp_path / "out")
+    assert [said in note for note in notes if "from WGS 84" in note] == [True] * bool(said)
+
+
+@pytest.mark.parametrize(
     ("place", "system"), [((10.0, 180.0), 3857), ((89.9999, 0.0), 4326), ((-89.9999, 3.0), 5041)]
 )
 def test_a_raster_across_an_edge_of_the_system_is_refused_in_plain_words(tmp_path, place, system):
