@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from frontend.corner_track import CornerTrack
@@ -86,7 +86,8 @@ class KeptTracking:
         assert flight.frames is not None
         self._checkpoints, self._frames = checkpoints, flight.frames
         self._key: bytes | None = None
-        if checkpoints.are_kept and len(flight.frames) and content_key(flight.frames, 0) is not None:
+        """Key of the next stretch; None where none is kept."""
+        if checkpoints.are_kept:
             readings = [getattr(flight, name) for name in STREAMS if name != "frames"]
             self._key = digest_of((settings, flight.frames.stamps_s, flight.frames.names, readings))
         self._moving: set[int] = set()
@@ -136,7 +137,9 @@ class KeptTracking:
             return None
         if not isinstance(stretch, Stretch) or stretch.begin != self._done.frame:
             return None
-        if stretch.end > len(self._frames) or stretch.pictures != self._content(stretch.begin, stretch.end):
+        if stretch.end > len(self._frames) or stretch.pictures != self._content(
+            stretch.begin, stretch.end, stretch.unreadable
+        ):
             self._checkpoints.say(f"pictures behind number {stretch.begin} have changed: tracked again")
             return None
         self._key = digest_of(kept)
@@ -161,9 +164,12 @@ class KeptTracking:
     def _keep(self, tracked: TrackedPictures, frame: int, state: TrackingState | None) -> None:
         assert self._key is not None
         tracker, done = tracked.tracker, self._done
-        pictures = self._content(done.frame, frame)
         dropped = dict(list(tracker.dropped.items())[done.dropped :])
         unreadable = {k: why for k, why in self._frames.failures.items() if done.frame <= k < frame}
+        pictures = self._content(done.frame, frame, unreadable)
+        if pictures is None:
+            self._key = None
+            return
         new = range(done.keyframes, len(tracked.frame_index))
         stretch = Stretch(
             begin=done.frame, end=frame, pictures=pictures,
@@ -179,5 +185,8 @@ class KeptTracking:
         self._moving, self._done = {*tracker.moving}, _Done.of(tracked, frame)
         self._kept_s = time.monotonic()
 
-    def _content(self, begin: int, end: int) -> bytes:
-        return digest_of([content_key(self._frames, k) for k in range(begin, end)])
+    def _content(self, begin: int, end: int, unreadable: Mapping[int, str]) -> bytes | None:
+        """Return a digest of the content of pictures; None where that of one is not known that was read."""
+        keys = [content_key(self._frames, k) for k in range(begin, end)]
+        is_known = all(key is not None or k in unreadable for k, key in enumerate(keys, begin))
+        return digest_of(keys) if is_known else None
