@@ -3,7 +3,7 @@
 The first line names the coordinate system (`slam.io.survey_system`). Every other line is one view:
 ``x y z u v picture [name] [check]``, with blanks, tabs, commas or semicolons between. Longitude comes before
 latitude. Source: OpenDroneMap's documentation, "Ground Control Points"; the word ``check``, which holds a
-point out, is an addition.
+point out, is an addition. ``landmarks.csv`` with pixels is read too (`slam.io.landmark_views`).
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from slam.core.messages import Note
 from slam.core.names import listed
 from slam.core.surveyed_flight import faults_of
 from slam.io.files import brief, read_text, refusal
+from slam.io.landmark_views import has_views, listed_views
 from slam.io.survey_system import NAME_IT, SurveySystem
 
 Array = NDArray[np.float64]
 
-FILE_NAME = "gcp_list.txt"
+FILE_NAME, LANDMARKS = "gcp_list.txt", "landmarks.csv"
 MAX_BYTES = 1 << 24
 FAR_M = 5000.0
 """A point farther from every fix is on no picture: flights of photographs cross some kilometres, at heights
@@ -59,8 +60,12 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     cannot be read, and where all points lie far from the flight.
     """
     text, notes = read_text(path, path.resolve().parent, MAX_BYTES)
-    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
-    lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
+    table = listed_views(path, text, flight) if has_views(text) else None
+    if table is None:
+        lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
+        lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
+    else:
+        lines = [(table.first, table.header), *table.lines]
     if not lines:
         raise refusal(path, "is empty", f"{NAME_IT}, and a line for each view of a point")
     first, header = lines[0]
@@ -86,9 +91,11 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     firsts = np.array([by_name[point.name][0].place[:2] for point in points])
     first_known = next((place for place in geodetic.values() if np.isfinite(place).all()), None)
     std_m = 0.0 if first_known is None else system.datum_std_m(*first_known)
+    origin = flight.geo_origin()
+    in_world = origin is not None and table is not None and table.in_world
+    heights = origin.height_system if in_world and origin is not None else system.height_system
     points = [
-        replace(point, datum_std_m=float(np.nan_to_num(std_m)), height_system=system.height_system)
-        for point in points
+        replace(point, datum_std_m=float(np.nan_to_num(std_m)), height_system=heights) for point in points
     ]
     notes = [*notes, *filter(None, [system.datum_note(std_m)])]
     if system.unit_note and any(row.place[2] is not None for row in rows):
@@ -99,26 +106,29 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
 def with_own_points(flight: Flight, folder: Path) -> Flight:
     """Return a flight with the control points of ``gcp_list.txt`` in its folder, if there is such a file.
 
-    Most commands need no control points, so a list that cannot be used is a warning.
+    Without one they are those of ``landmarks.csv``, if it has pixels. Most commands need no control points,
+    so a list that cannot be used is a warning.
     """
     path = folder / FILE_NAME
     if not path.is_file():
-        return flight
+        path = folder / LANDMARKS
+        if not path.is_file() or not has_views(read_text(path, folder, MAX_BYTES)[0]):
+            return flight
     flight = without_own_points(flight)  # lines that an import recorded about another list
     if flight.frames is None:
-        return flight.with_warning(Note(f"{FILE_NAME} is not used: the flight has no pictures"))
+        return flight.with_warning(Note(f"{path.name} is not used: the flight has no pictures"))
     try:
         points, notes = read_gcp_list(path, flight)
     except InputError as refused:
         reason = str(refused).removeprefix(f"{folder}/")
         return flight.with_warning(f"{reason}; no control point is used")
-    faults = [f"{FILE_NAME}: {fault}" for fault in faults_of(points)]
+    faults = [f"{path.name}: {fault}" for fault in faults_of(points)]
     return replace(flight, surveyed=points, warnings=(*flight.warnings, *notes, *faults))
 
 
 def without_own_points(flight: Flight) -> Flight:
     """Return a flight as it is without a ``gcp_list.txt`` in its folder."""
-    others = tuple(line for line in flight.warnings if not line.startswith(FILE_NAME))
+    others = tuple(line for line in flight.warnings if not line.startswith((FILE_NAME, LANDMARKS)))
     return replace(flight, surveyed=(), warnings=others)
 
 

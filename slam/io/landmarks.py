@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.io.files import brief, read_text, refusal
+from slam.io.landmark_views import has_views, image_column
 from slam.io.sensor_yaml import YamlFile
 
 Array = NDArray[np.float64]
@@ -20,10 +21,17 @@ MAX_BYTES = 1 << 24
 
 
 def read_landmarks(root: Path) -> tuple[dict[str, Array], list[str]]:
-    """Return a map of names to (3,) metres in the world. Raises ``InputError`` with the faulty line."""
+    """Return a map of names to (3,) metres in the world. Raises ``InputError`` with the faulty line.
+
+    Points with a picture are control points, and those of a table with a coordinate system are not in the
+    world: they are left out (`slam.io.landmark_views`).
+    """
     path = root / "landmarks.csv"
     header = ",".join(HEADER)
     text, notes = read_text(path, root, MAX_BYTES)
+    pictures = image_column(text)
+    if pictures is None and has_views(text):
+        return {}, notes
     rows = csv.reader(io.StringIO(text.replace("\r\n", "\n").replace("\r", "\n")))
     landmarks: dict[str, Array] = {}
     try:
@@ -32,7 +40,7 @@ def read_landmarks(root: Path) -> tuple[dict[str, Array], list[str]]:
         if None in indices:
             raise refusal(path, f"has the header {','.join(titles)[:80]!r}", f"write {header}", 1)
         for fields in rows:
-            if any(f.strip() for f in fields):
+            if any(f.strip() for f in fields) and not _shows(fields, pictures):
                 name, point = _landmark(
                     path, rows.line_num, fields, [p for p in indices if p is not None], len(titles)
                 )
@@ -62,6 +70,11 @@ def check_pairs(metadata: YamlFile, key: str, landmarks: dict[str, Array]) -> tu
                 raise metadata.refuse(key, f"names {brief(name, 40)!r}, which is not in landmarks.csv", do)
         pairs.append((first, second))
     return tuple(pairs)
+
+
+def _shows(fields: list[str], pictures: int | None) -> bool:
+    """Return whether a row has a picture in its column ``pictures``; None for a table without."""
+    return pictures is not None and len(fields) > pictures and bool(fields[pictures].strip())
 
 
 def _column_index(titles: list[str], title: str) -> int | None:
