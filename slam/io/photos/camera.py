@@ -1,8 +1,9 @@
 """Camera of a set of photographs, from their tags about lens and sensor.
 
 The sources in the order of their accuracy are the maker's calibration (``DewarpData``, the lens tags of
-Pix4D, ``CalibratedFocalLength``), the focal length with the sensor's resolution, the focal length on 35 mm
-film, and an assumed field of view. Photographs are often scaled down after the flight without a change of
+Pix4D), a file beside the photographs (`slam.io.photos.camera_models`), ``CalibratedFocalLength``, the focal
+length with the sensor's resolution, that on 35 mm film by the tags, or by the specification of the model, and
+an assumed field of view. Photographs are often scaled down after the flight without a change of
 these tags, so pixel counts refer to the original size. An orientation tag turns the view but not the
 intrinsics, which belong to the stored pixels.
 """
@@ -27,6 +28,7 @@ from slam.core.lens_priors import (
 from slam.core.messages import Note
 from slam.io.photos.exif import PhotoTags
 from slam.io.photos.lens_tags import fitted_lens
+from slam.io.recordings.video.model_lens import film_focal
 
 _ASSUMED_VIEW_DEG = 65.0
 """Assumed field of view along the longer side without tags: that of a 28 mm lens on 35 mm film."""
@@ -35,7 +37,7 @@ ASSUMED_VIEW = f"a view of {_ASSUMED_VIEW_DEG:g} degrees along the longer side"
 _UNDISTORT = "undistort the pictures"
 """Advice where a lens is too wide for the camera model."""
 _FILM_DIAGONAL_MM = float(np.hypot(36, 24))
-_SOURCES = ("dewarp", "lens", "calibrated", "tags", "assumed")
+_SOURCES = ("dewarp", "lens", "calibrated", "tags", "model", "assumed")
 """Sources of a focal length, the best first. All but the assumed one are told as nominal: no tag is the
 calibration of its user, as focus and temperature are not those of the factory. The two that one maker tells
 of one lens differ by 2.7 % (DewarpData and CalibratedFocalLength of a Phantom 4 Multispectral), and which is
@@ -96,7 +98,7 @@ def _focal(tags: PhotoTags) -> _Focal:
             )
     if tags.lens is not None:
         px = tags.lens.focal_px[0] * scale
-        candidates.append(_Focal(px, "lens", f"from the calibration of the lens in the tags{scaled}"))
+        candidates.append(_Focal(px, "lens", f"from the calibration of the lens {tags.lens.source}{scaled}"))
     if tags.calibrated_focal_px:
         px = tags.calibrated_focal_px * scale
         candidates.append(_Focal(px, "calibrated", f"from the maker's CalibratedFocalLength{scaled}"))
@@ -122,6 +124,11 @@ def _focal(tags: PhotoTags) -> _Focal:
             film = replace(film, remark=f"{film.remark}; the sensor's resolution would give {px:.0f} px")
     if film is not None:
         candidates.append(film)
+    if (of_model := film_focal(tags.model)) is not None:
+        film_mm, name = of_model
+        px = film_mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
+        specified = f"from {film_mm:g} mm on 35 mm film by the specification of the {name}"
+        candidates.append(_Focal(px, "model", specified))
     none = "no plausible one" if candidates else "none"
     if is_stale:
         none = f"no plausible one (a sensor {_sensor_mm(tags):.1f} mm wide: resized after the flight?)"
@@ -148,6 +155,11 @@ def relative_focal(tags: PhotoTags) -> float:
 def _is_plausible(focal_px: float, tags: PhotoTags) -> bool:
     low, high = PLAUSIBLE_FOCAL
     return low < focal_px / max(tags.size_px) < high
+
+
+def stored_over_original(tags: PhotoTags) -> float:
+    """Return the ratio of stored to original pixels of a photograph."""
+    return _scale(tags)[0]
 
 
 def _scale(tags: PhotoTags) -> tuple[float, str]:

@@ -27,6 +27,7 @@ from slam.io.files import brief
 from slam.io.gcp_list import with_own_points
 from slam.io.images import PictureFiles, common_levels
 from slam.io.photos.camera import photo_camera
+from slam.io.photos.camera_models import with_camera_models
 from slam.io.photos.exif import PhotoTags
 from slam.io.photos.geotag_table import with_geotags
 from slam.io.photos.gps import photo_gps
@@ -44,13 +45,15 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
 
     The pictures stay on disk until they are requested. Of a multispectral camera one band is read: ``band``,
     or colour, or the one with the most photographs.
+    Lenses come from cameras of OpenSfM or OpenDroneMap beside them (`slam.io.photos.camera_models`).
     Positions of a table beside them are preferred (`slam.io.photos.geotag_table`).
     Control points come from ``gcp_list.txt`` in the folder, if it is there (`slam.io.gcp_list`).
     Raises ``InputError`` if there is no folder, no photograph in it, or no usable one.
     """
     folder = Path(folder)
     selection = select_photos(folder, progress, band)
-    located, geotag_remarks = with_geotags(selection.photos, folder, selection.beside)
+    lensed, beside, lens_remarks = with_camera_models(selection.photos, folder, selection.beside)
+    located, geotag_remarks = with_geotags(lensed, folder, beside)
     photos, stamps_ns, time_remarks = _sort_by_time(located)
     epoch_ns = int(stamps_ns[0])
     stamps_s = (stamps_ns - epoch_ns) / _SECOND_NS
@@ -74,6 +77,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
             *selection.remarks,
             *geotag_remarks,
             *time_remarks,
+            *lens_remarks,
             *camera_remarks,
             *_several_cameras(tags),
             *gps_remarks,

@@ -31,6 +31,8 @@ class LensTags:
     """OpenCV's k1, k2, p1, p2, k3; empty for a fisheye lens."""
     polynomial: tuple[float, ...] = ()
     """Coefficients of a fisheye lens: radius in ``focal_px`` by powers of the angle from the axis [rad]."""
+    source: str = "in the tags"
+    """Where the calibration stands."""
 
 
 def read_lens(xmp: Xmp, px_per_mm: float | None) -> LensTags | None:

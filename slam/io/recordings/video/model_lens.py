@@ -64,15 +64,20 @@ def lens_of_model(user_data: bytes, size_px: tuple[int, int]) -> ModelLens | Non
     if by_camera is not None:
         return _of_gopro(by_camera, size_px)
     text = b" ".join(body for kind, body in contents if kind in _MODEL_BOXES).decode("latin-1")
-    fitting = [model for model in _FILM_MM if model.lower() in text.lower()]
-    if not fitting:
+    if (found := film_focal(text)) is None:
         return None
-    film_mm, name = _FILM_MM[max(fitting, key=len)]
+    film_mm, name = found
     return ModelLens(
         focal_px=film_mm / FILM_WIDTH_MM * size_px[0],
         distortion=(0.0,) * 4,
         remark=f"from {film_mm:g} mm on 35 mm film by the specification of the {name}; no distortion assumed",
     )
+
+
+def film_focal(text: str) -> tuple[float, str] | None:
+    """Return the focal length on 35 mm film of the model that a text names, and its name; None for others."""
+    fitting = [model for model in _FILM_MM if model.lower() in text.lower()]
+    return _FILM_MM[max(fitting, key=len)] if fitting else None
 
 
 def _of_gopro(metadata: bytes, size_px: tuple[int, int]) -> ModelLens | None:
