@@ -18,6 +18,7 @@ from backend.wording import counted, either
 from slam.core.errors import InputError
 from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east, position_fault
+from slam.core.height_systems import UNKNOWN
 from slam.core.messages import Note, is_note
 from slam.core.names import listed
 from slam.io.files import brief, read_text, shown
@@ -194,6 +195,8 @@ def _at(photo: Photo, told: tuple[float, ...]) -> Photo:
         exif_altitude_m=None,
         std_m=std if along_m > 0 else None,
         unsigned_deg=None,
+        height_system=UNKNOWN if np.isfinite(altitude_m) else old.height_system,
+        is_of_camera=False,
         datum="",
         faults=(),
     )

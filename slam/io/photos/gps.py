@@ -65,9 +65,15 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
         std_m,
         stds_m=stds_m,
         height_system=_height_system(fixes),
-        assumed=("T_BS", "noise_std") if all(fix.std_m is None for fix in fixes) else ("T_BS",),
+        assumed=_assumed(fixes),
     )
     return gps, (*remarks, *accuracy)
+
+
+def _assumed(fixes: Sequence[PhotoPosition]) -> tuple[str, ...]:
+    """Return what no tag states: where the antenna is, unless places are those of the camera, and noise."""
+    place = () if all(fix.is_of_camera for fix in fixes) else ("T_BS",)
+    return (*place, "noise_std") if all(fix.std_m is None for fix in fixes) else place
 
 
 def _height_system(fixes: Sequence[PhotoPosition]) -> str:

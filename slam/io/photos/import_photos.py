@@ -32,6 +32,7 @@ from slam.io.photos.exif import PhotoTags
 from slam.io.photos.geotag_table import with_geotags
 from slam.io.photos.gps import photo_gps
 from slam.io.photos.photo_set import AttitudeSource, Photo, select_photos
+from slam.io.photos.timestamp_marks import with_marks
 from slam.io.transparent_pixels import transparent_pixels
 
 Array = NDArray[np.float64]
@@ -46,14 +47,16 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
     The pictures stay on disk until they are requested. Of a multispectral camera one band is read: ``band``,
     or colour, or the one with the most photographs.
     Lenses come from cameras of OpenSfM or OpenDroneMap beside them (`slam.io.photos.camera_models`).
-    Positions of a table beside them are preferred (`slam.io.photos.geotag_table`).
+    Positions of DJI's marks beside them are preferred to the tags (`slam.io.photos.timestamp_marks`), and
+    those of a table to both (`slam.io.photos.geotag_table`).
     Control points come from ``gcp_list.txt`` in the folder, if it is there (`slam.io.gcp_list`).
     Raises ``InputError`` if there is no folder, no photograph in it, or no usable one.
     """
     folder = Path(folder)
     selection = select_photos(folder, progress, band)
     lensed, beside, lens_remarks = with_camera_models(selection.photos, folder, selection.beside)
-    located, geotag_remarks = with_geotags(lensed, folder, beside)
+    marked, beside, mark_remarks = with_marks(lensed, folder, beside)
+    located, geotag_remarks = with_geotags(marked, folder, beside)
     photos, stamps_ns, time_remarks = _sort_by_time(located)
     epoch_ns = int(stamps_ns[0])
     stamps_s = (stamps_ns - epoch_ns) / _SECOND_NS
@@ -75,6 +78,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
         notes={key: value for key, value in notes.items() if value},
         warnings=(
             *selection.remarks,
+            *mark_remarks,
             *geotag_remarks,
             *time_remarks,
             *lens_remarks,

@@ -32,7 +32,7 @@ class LensTags:
     polynomial: tuple[float, ...] = ()
     """Coefficients of a fisheye lens: radius in ``focal_px`` by powers of the angle from the axis [rad]."""
     source: str = "in the tags"
-    """Where the calibration stands."""
+    """Place of the calibration, in words."""
 
 
 def read_lens(xmp: Xmp, px_per_mm: float | None) -> LensTags | None:

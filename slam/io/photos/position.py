@@ -47,6 +47,8 @@ class PhotoPosition:
     """Solution of the RTK receiver: a value of `RTK_SOLUTIONS`; empty if the tags do not contain it."""
     height_system: str = ""
     """The level of ``altitude_m``, as `slam.core.height_systems` names it; empty if no tag tells."""
+    is_of_camera: bool = False
+    """Whether it is the place of the camera itself, with the offset of the antenna taken into account."""
     height_above_takeoff_m: float | None = None
     unsigned_deg: tuple[float, float] | None = None
     """Latitude and longitude without their signs, where only letters are missing."""

@@ -1,0 +1,176 @@
+"""Positions of photographs in ``Timestamp.MRK``, which DJI's drones with RTK write beside them.
+
+A line has the number of a photograph, the GPS time of its exposure, the offset from the antenna to the
+sensor of the camera (north, east and down [mm]), the place after this offset (latitude, longitude and height
+over the ellipsoid), its standard deviations (north, east and up [m]) and the kind of solution. So the place
+is that of the camera.
+Source: DJI, Matrice 4 Series User Manual (2025), "Image Log File".
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from backend.wording import counted
+from slam.core.errors import InputError
+from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
+from slam.core.height_systems import ELLIPSOID
+from slam.core.messages import Note
+from slam.core.names import listed
+from slam.io.files import read_text, shown
+from slam.io.photos.photo_set import Photo
+from slam.io.photos.position import RTK_SOLUTIONS, PhotoPosition
+
+SUFFIX = ".mrk"
+_MAX_BYTES = 1 << 26
+_NUMBER = r"\s*([-+]?\d+(?:\.\d*)?)\s*"
+_LINE = re.compile(
+    rf"\s*(\d+)\s+[\d.]+\s+\[\d+\]\s+{_NUMBER},\s*N\s+{_NUMBER},\s*E\s+{_NUMBER},\s*V\s+"
+    rf"{_NUMBER},\s*Lat\s+{_NUMBER},\s*Lon\s+{_NUMBER},\s*Ellh\s+"
+    rf"{_NUMBER},{_NUMBER},{_NUMBER}\s+(\d+),\s*Q\s*"
+)
+_NUMBER_IN_NAME = re.compile(r"(?:^|_)(\d{3,4})(?:_[A-Z]+)?$", re.IGNORECASE)
+"""The number at the end of DJI's names, ``100_0001_0012`` and ``DJI_20250101120000_0012_V``."""
+_SAME_PLACE_M, _SIGMAS = 2.0, 3.0
+"""A mark is of the photograph if the place in its tags is nearer than this distance and so many standard
+deviations: the offset of the antenna may be a part of it, and neighbours on a line lie farther apart."""
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """One line of the file."""
+
+    offset_m: tuple[float, float, float]
+    """North, east and down from the antenna to the camera."""
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    std_m: tuple[float, float, float]
+    """East, north, up."""
+    solution: str
+
+
+def with_marks(
+    photos: Sequence[Photo], folder: Path, beside: Sequence[Path]
+) -> tuple[list[Photo], list[Path], tuple[str, ...]]:
+    """Return photographs with the places of files, the other files ``beside`` them, and lines about these.
+
+    A photograph has the mark of its number in a file of its folder, unless its tags lie elsewhere.
+    """
+    photos, others, remarks = list(photos), list[Path](), list[str]()
+    for path in beside:
+        if path.suffix.lower() != SUFFIX:
+            others.append(path)
+            continue
+        name = shown(str(path.relative_to(folder)))
+        try:
+            marks, unread = _marks(path, folder)
+        except InputError as refused:
+            remarks.append(f"{str(refused).removeprefix(f'{folder}/')}; its places are not used")
+            continue
+        if unread:
+            remarks.append(
+                f"{name}: {counted(unread, 'line')} cannot be read, and {unread} places are missing"
+            )
+        found, elsewhere = dict[int, _Mark](), list[str]()
+        for k, photo in enumerate(photos):
+            mark = marks.get(_number(photo)) if photo.path.parent == path.parent else None
+            if mark is not None and _is_of(mark, photo.tags.position):
+                found[k] = mark
+            elif mark is not None:
+                elsewhere.append(photo.name)
+        if elsewhere:
+            remarks.append(
+                f"{name}: the marks of {counted(len(elsewhere), 'photograph')} lie elsewhere than the places "
+                f"in their tags and are not used ({listed(elsewhere)}); are they of another flight?"
+            )
+        if found:
+            remarks.append(
+                _about(name, [(photos[k].tags.position, mark) for k, mark in found.items()], len(photos))
+            )
+        for k, mark in found.items():
+            photos[k] = _at(photos[k], mark)
+    return photos, others, tuple(remarks)
+
+
+def _marks(path: Path, folder: Path) -> tuple[dict[int, _Mark], int]:
+    """Return number of a photograph -> mark, and the number of lines that are none. Raises ``InputError``."""
+    marks, unread = dict[int, _Mark](), 0
+    for line in read_text(path, folder, _MAX_BYTES)[0].splitlines():
+        if not line.strip():
+            continue
+        match = _LINE.fullmatch(line)
+        if match is None:
+            unread += 1
+            continue
+        north, east, down, latitude, longitude, height, std_n, std_e, std_u = map(float, match.groups()[1:10])
+        is_placed = int(match[11]) and min(std_n, std_e, std_u) > 0
+        if not is_placed or position_fault(latitude, longitude):
+            unread += 1
+            continue
+        marks[int(match[1])] = _Mark(
+            (1e-3 * north, 1e-3 * east, 1e-3 * down),
+            latitude,
+            longitude,
+            height,
+            (std_e, std_n, std_u),
+            RTK_SOLUTIONS.get(int(match[11]), ""),
+        )
+    if not marks:
+        raise InputError(f"{path}: holds no place of a photograph")
+    return marks, unread
+
+
+def _number(photo: Photo) -> int:
+    """Return the number of a photograph in its folder; -1 for a name without one."""
+    match = _NUMBER_IN_NAME.search(photo.path.stem)
+    return int(match[1]) if match else -1
+
+
+def _apart_m(mark: _Mark, tags: PhotoPosition) -> float:
+    """Return the distance along the ground from a mark to the place in the tags; NaN without one."""
+    if tags.latitude_deg is None or tags.longitude_deg is None:
+        return float("nan")
+    origin = GeoOrigin(mark.latitude_deg, mark.longitude_deg, 0.0)
+    return float(np.linalg.norm(enu_from_geodetic(tags.latitude_deg, tags.longitude_deg, 0.0, origin)[0, :2]))
+
+
+def _is_of(mark: _Mark, tags: PhotoPosition) -> bool:
+    """Return whether a mark may be of a photograph by the place in its tags."""
+    within_m = _SAME_PLACE_M + _SIGMAS * float(np.hypot(*mark.std_m[:2]))
+    return not _apart_m(mark, tags) > within_m
+
+
+def _at(photo: Photo, mark: _Mark) -> Photo:
+    position = replace(
+        photo.tags.position,
+        latitude_deg=mark.latitude_deg,
+        longitude_deg=mark.longitude_deg,
+        altitude_m=mark.height_m,
+        exif_altitude_m=None,
+        exif_gap_deg=None,
+        std_m=mark.std_m,
+        rtk=mark.solution,
+        height_system=ELLIPSOID,
+        is_of_camera=True,
+        unsigned_deg=None,
+        datum="",
+        faults=(),
+    )
+    return replace(photo, tags=replace(photo.tags, position=position))
+
+
+def _about(name: str, found: Sequence[tuple[PhotoPosition, _Mark]], total: int) -> str:
+    """Return a line about the marks that are used."""
+    offset_m = float(np.mean([np.linalg.norm(mark.offset_m) for _, mark in found]))
+    apart = [d for tags, mark in found if np.isfinite(d := _apart_m(mark, tags))]
+    beside = f"; those in the tags differ by up to {max(apart):.2g} m along the ground" if apart else ""
+    return Note(
+        f"places of {len(found)} of {total} photographs, with their accuracies, are those of {name}: of the "
+        f"camera, {offset_m:.2g} m from the antenna on average{beside}"
+    )
