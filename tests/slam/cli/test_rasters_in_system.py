@@ -116,7 +116,8 @@ def test_optimize_writes_the_rasters_that_an_export_writes(tmp_path):
     (tmp_path / "tiny.toml").write_text(RECIPE.format(texture="puzzle"))
     flown = simulate(tmp_path / "tiny.toml", 3)
     places = geodetic_from_enu(flown.truth.w_T_b[:, :3, 3], ORIGIN)
-    write_flight(replace(flown, gps=Gps(flown.truth.stamps_s, *places, (0.01,) * 3)), tmp_path / "placed")
+    gps = Gps(flown.truth.stamps_s, *places, (0.01,) * 3, height_system="EPSG:4979")
+    write_flight(replace(flown, gps=gps), tmp_path / "placed")
     result = run("optimize", tmp_path / "placed", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert set(os.listdir(tmp_path / "out")) == {*OPTIMIZE_NAMES, *RASTERS_IN_SYSTEM.values()}
