@@ -28,7 +28,7 @@ def stream_anomalies(flight: Flight) -> list[Finding]:
 
 def readings_in_words(flight: Flight) -> list[str]:
     """Return a line for each anomaly of a flight's streams, for readings of another axis or that jump, for
-    noise that is larger than stated, and for commands that are on another clock."""
+    noise that is misstated, and for commands that are on another clock."""
     apart, late, found = log_apart(flight), clock_error(flight), stream_anomalies(flight)
     return [
         *map(str, found),

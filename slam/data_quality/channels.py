@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -9,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.robust import robust_std
-from slam.core.flight import Flight
+from slam.core.flight import AttitudeSeries, Flight, Imu, Sonar, Velocity
 
 Array = NDArray[np.float64]
+_Series = Imu | AttitudeSeries | Velocity | Sonar
 
 FEWEST = 100
 NOISY = 3.0
@@ -31,7 +33,9 @@ class InstrumentReadings:
     channels: tuple[str, ...]
     unit: str
     noise_std: Array
-    """(channels,) standard deviation of one reading, as stated."""
+    """(channels,) standard deviation of one reading, as stated or assumed."""
+    noise_assumed: bool = False
+    """Whether the recording does not state it."""
 
 
 def noise_ratio(stream: InstrumentReadings) -> float:
@@ -51,14 +55,21 @@ def noise_ratio(stream: InstrumentReadings) -> float:
 
 
 def misstated_noise(flights: Sequence[Flight]) -> list[str]:
-    """Return sentences on instruments whose readings scatter far more, or less, than the recording states."""
-    ratios: dict[str, float] = {}
+    """Return sentences on instruments whose readings scatter far more, or less, than the recording states.
+
+    A noise that is assumed is never too large: it says no more than how far instruments of the kind scatter.
+    """
+    ratios: dict[tuple[str, bool], float] = {}
     for stream in (s for flight in flights for s in streams_of(flight)):
-        ratios[stream.name] = max(ratios.get(stream.name, 0.0), noise_ratio(stream))
-    larger = [f"{name} {ratio:.2g} times" for name, ratio in ratios.items() if ratio > NOISY]
-    smaller = [f"{name} {ratio:.2g} times" for name, ratio in ratios.items() if 0.0 < ratio < 1.0 / NOISY]
-    each = ("larger than stated", larger), ("smaller than stated, as behind a filter", smaller)
-    return [f"Noise from reading to reading is {how}: {', '.join(lines)}." for how, lines in each if lines]
+        key = stream.name, stream.noise_assumed
+        ratios[key] = max(ratios.get(key, 0.0), noise_ratio(stream))
+    told = defaultdict[str, list[str]](list)
+    for (name, is_assumed), ratio in ratios.items():
+        if ratio > NOISY:
+            told[f"larger than {'assumed' if is_assumed else 'stated'}"].append(f"{name} {ratio:.2g} times")
+        elif 0.0 < ratio < 1.0 / NOISY and not is_assumed:
+            told["smaller than stated, as behind a filter"].append(f"{name} {ratio:.2g} times")
+    return [f"Noise from reading to reading is {how}: {', '.join(each)}." for how, each in told.items()]
 
 
 def with_scattering_noise(flight: Flight) -> Flight:
@@ -82,29 +93,27 @@ def with_scattering_noise(flight: Flight) -> Flight:
 
 def streams_of(flight: Flight) -> list[InstrumentReadings]:
     """Return gyro, accelerometer, attitude, velocity and sonar, as far as the flight has them."""
-    found = []
+    found = list[InstrumentReadings]()
+
+    def add(
+        name: str, series: _Series, values: Array, channels: Sequence[str], unit: str, std: Array
+    ) -> None:
+        stated = std, series.noise_assumed
+        found.append(InstrumentReadings(name, series.stamps_s, values, tuple(channels), unit, *stated))
+
     if (imu := flight.imu) is not None and len(imu.stamps_s) > 1:
         root = 1.0 / np.sqrt(max(float(np.median(np.diff(imu.stamps_s))), 1e-6))
         for name, values, unit, density in (
             ("gyro", imu.gyro_rad_s, "rad/s", imu.gyro_noise_density),
             ("accel", imu.accel_m_s2, "m/s^2", imu.accel_noise_density),
         ):
-            channels = tuple(f"{name}_{axis}" for axis in "xyz")
-            found.append(
-                InstrumentReadings(name, imu.stamps_s, values, channels, unit, np.full(3, density * root))
-            )
+            add(name, imu, values, [f"{name}_{axis}" for axis in "xyz"], unit, np.full(3, density * root))
     if (attitude := flight.attitude) is not None:
-        std = np.array(attitude.noise_std_rad)
-        angles = ("roll", "pitch", "yaw")
-        found.append(
-            InstrumentReadings("attitude", attitude.stamps_s, attitude.roll_pitch_yaw_rad, angles, "rad", std)
-        )
+        std, angles = np.array(attitude.noise_std_rad), ("roll", "pitch", "yaw")
+        add("attitude", attitude, attitude.roll_pitch_yaw_rad, angles, "rad", std)
     if (velocity := flight.velocity) is not None:
         std, ways = np.array(velocity.noise_std_m_s), ("velocity ahead", "velocity to the left")
-        found.append(InstrumentReadings("velocity", velocity.stamps_s, velocity.v_m_s, ways, "m/s", std))
+        add("velocity", velocity, velocity.v_m_s, ways, "m/s", std)
     if (sonar := flight.sonar) is not None:
-        std = np.array([sonar.noise_std_m])
-        found.append(
-            InstrumentReadings("sonar", sonar.stamps_s, sonar.range_m[:, None], ("range",), "m", std)
-        )
+        add("sonar", sonar, sonar.range_m[:, None], ["range"], "m", np.array([sonar.noise_std_m]))
     return found

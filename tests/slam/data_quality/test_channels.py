@@ -31,3 +31,14 @@ def test_a_misstated_noise_is_told_and_does_not_make_readings_more_certain(facto
     known = with_scattering_noise(replace(flight, velocity=stated))
     ratios = {stream.name: noise_ratio(stream) for stream in streams_of(known)}
     assert ratios["velocity"] == pytest.approx(1.0 if factor < 1.0 else 1.0 / factor, rel=0.3)
+
+
+@pytest.mark.parametrize(("factor", "told"), [(0.2, "larger than assumed: velocity"), (5.0, "")])
+def test_a_noise_that_nobody_states_is_not_called_stated(factor: float, told: str):
+    flight = simulate(recipe(), seed=1)
+    velocity = flight.velocity
+    assert velocity is not None
+    ahead, left = velocity.noise_std_m_s
+    assumed = replace(velocity, noise_std_m_s=(factor * ahead, factor * left), assumed=("noise_std",))
+    lines = misstated_noise([replace(flight, velocity=assumed)])
+    assert [told in line for line in lines] == [True] * bool(told)
