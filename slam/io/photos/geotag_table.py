@@ -183,19 +183,24 @@ def _apart_m(a: PhotoPosition, b: PhotoPosition) -> float:
 
 
 def _at(photo: Photo, told: tuple[float, ...]) -> Photo:
-    """Return a photograph at another place; without an altitude it keeps that of its tags."""
+    """Return a photograph at another place; without an altitude it keeps that of its tags, as exact as it is
+    there."""
     latitude_deg, longitude_deg, altitude_m, along_m, up_m = told
     old = photo.tags.position
-    std = (along_m, along_m, up_m if up_m > 0 else _UP_RATIO * along_m)
+    if tells_altitude := bool(np.isfinite(altitude_m)):
+        up_m = up_m if up_m > 0 else _UP_RATIO * along_m
+    else:
+        up_m = (old.std_m or Gps.noise_std_m)[2]
     return _with(
         photo,
         latitude_deg=latitude_deg,
         longitude_deg=longitude_deg,
-        altitude_m=altitude_m if np.isfinite(altitude_m) else old.altitude_m,
+        altitude_m=altitude_m if tells_altitude else old.altitude_m,
+        height_system=UNKNOWN if tells_altitude else old.height_system,
         exif_altitude_m=None,
-        std_m=std if along_m > 0 else None,
+        exif_gap_deg=None,
+        std_m=(along_m, along_m, up_m) if along_m > 0 else None,
         unsigned_deg=None,
-        height_system=UNKNOWN if np.isfinite(altitude_m) else old.height_system,
         is_of_camera=False,
         datum="",
         faults=(),

@@ -77,3 +77,19 @@ def test_places_of_a_table_far_from_those_of_the_tags_are_told(tmp_path):
     rows = b"filename,latitude,longitude,altitude\nP0.jpg,30.00001,-98,100\nP1.jpg,30,98,100\n"
     flight = import_photos(fill(tmp_path, strip(2) | {"geotags.csv": rows}))
     assert warned(flight, "geotags.csv puts 1 photograph up to", "km from the places in their tags (P1.jpg)")
+
+
+RTK = {"AltitudeType": "RtkAlt", "AbsoluteAltitude": "+320.5", "GpsLatitude": "30.5", "GpsLongitude": "-98.5"}
+"""A maker's tags: an altitude over the ellipsoid, and a place 55 km from that of Exif."""
+
+
+@pytest.mark.parametrize(
+    ("altitude", "std_m", "system"), [("100", (0.02, 0.02, 0.04), ""), ("", (0.02, 0.02, 10), "EPSG:4979")]
+)
+def test_level_and_accuracy_of_an_altitude_are_those_of_its_source(tmp_path, altitude, std_m, system):
+    rows = "filename,latitude,longitude,altitude,horizontal accuracy\n"
+    rows += "".join(f"P{k}.jpg,30.5,-98.5,{altitude},0.02\n" for k in range(2))
+    flight = import_photos(fill(tmp_path, strip(2, drone=RTK) | {"ppk.csv": rows.encode()}))
+    assert flight.gps.height_system == system
+    assert flight.gps.noise_std_m == pytest.approx(std_m)
+    assert not warned(flight, "from the maker's tags; Exif's differ")
