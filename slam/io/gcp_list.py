@@ -180,10 +180,11 @@ def _in_flight(
     known, unknown = [], []
     for row in rows:
         found = _picture(row.view.picture, names)
-        if found == "" or (found is None and _is_ambiguous(row.view.picture, names)):
+        is_bare = _file(row.view.picture) == row.view.picture
+        if is_bare and (found == "" or (found is None and _is_ambiguous(row.view.picture, names))):
             what = f"names {brief(row.view.picture, 60)!r}, of which there are several"
             raise refusal(path, what, "write its folder too", row.line)
-        if found is None:
+        if not found:  # of a folder whose pictures are not in the flight, as those of several others are
             unknown.append(row)
             continue
         width, height = camera.size_px if camera else (math.inf, math.inf)
@@ -226,7 +227,7 @@ def _picture(written: str, names: Mapping[str, str]) -> str | None:
 
 
 def _is_ambiguous(written: str, names: Mapping[str, str]) -> bool:
-    """Return whether pictures of several folders have the file name that is written without a folder."""
+    """Return whether pictures of several folders have a file name that is written without a folder."""
     ending = f"_{_file(written).lower()}"
     return len({name for name in names.values() if name.lower().endswith(ending)}) > 1
 

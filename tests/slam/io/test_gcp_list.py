@@ -248,6 +248,17 @@ def test_a_name_of_two_pictures_is_refused(tmp_path):
     assert "several; write its folder too" in refused(tmp_path, [*UTM, "1 2 3 4 5 X.JPG"], two)
 
 
+@pytest.mark.parametrize("names", [("a/X.JPG", "b/X.JPG"), ("a_X.JPG", "b_X.JPG")])
+def test_pictures_of_a_folder_that_is_not_mapped_are_left_out(tmp_path, names):
+    """The list may be that of all folders, of which some are mapped."""
+    two = replace(flight(), frames=Frames(np.arange(2.0), names, lambda _: None))
+    rows = [f"465005.0 5249995.0 402.5 4 5 {folder}/X.JPG here" for folder in "abc"]
+    ((point,), (note,)) = read(tmp_path, [*UTM, *rows], two)
+    assert [view.picture for view in point.views] == list(names)
+    assert "line 4: no picture of the flight has this name" in note
+    assert "c/X.JPG" in note
+
+
 def test_photographs_of_one_name_are_told_apart_by_their_folder(tmp_path):
     """The names are those that a folder of photographs gives them."""
     files = {f"{folder}/P{k}.jpg": jpeg(seed=k) for k, folder in enumerate("ab")}
