@@ -33,15 +33,15 @@ from slam.io.geotiff import BLOCK_PX, CACHE_MB, COG, height_tags
 
 UTM, NO_SYSTEM = "utm", "none"
 """Words for a system, beside ``EPSG:`` and a number: the zone of the map, and no rasters in any."""
+ELEVATION, ALTITUDE = "elevation.tif", "altitude.tif"
+"""Heights over the floor, and altitudes of the ground in the height system of the map, made of these."""
 RASTERS = {
     "mosaic.tif": Resampling.cubic,
     "mosaic_quality.tif": Resampling.nearest,
-    "elevation.tif": Resampling.nearest,
-    "altitude.tif": Resampling.nearest,
+    ELEVATION: Resampling.nearest,
+    ALTITUDE: Resampling.nearest,
 }
 """Files and their resampling. Heights keep their values: none lies between roof and ground."""
-ALTITUDE = "altitude.tif"
-"""Altitudes of the ground in the height system of the map, made of its elevation."""
 _PIECE_PX = 2 * BLOCK_PX
 """Side of the squares that are resampled one after the other: 21 MB for the five bands of an elevation. Line
 by line, the blocks of a large mosaic leave the cache before the next line needs them, and are decoded again.
@@ -77,7 +77,7 @@ def rasters_in(folder: Path, estimate: Estimate) -> list[str]:
 
     Altitudes need a height system that is known.
     """
-    has_altitude = (folder / "elevation.tif").is_file() and bool(estimate.height_system)
+    has_altitude = (folder / ELEVATION).is_file() and bool(estimate.height_system)
     return [name for name in RASTERS if (folder / name).is_file() or (name == ALTITUDE and has_altitude)]
 
 
@@ -94,17 +94,17 @@ def write_rasters(
     crs = coordinate_system(system, estimate.origin)
     tags = height_tags(estimate)
     with TemporaryDirectory(prefix=".crs-", dir=next(iter(targets.values())).parent) as work:
-        sources = {name: folder / name for name in targets}
-        if ALTITUDE in targets:
-            sources[ALTITUDE] = Path(work) / f"own_{ALTITUDE}"
-            write_altitudes(folder / "elevation.tif", sources[ALTITUDE], estimate)
+        sources = {name: folder / (ELEVATION if name == ALTITUDE else name) for name in targets}
         for path in sources.values():
             _refuse_break(path, crs, system)
         made = {name: Path(work) / name for name in targets}
         for name, path in made.items():
-            named = with_heights(crs, estimate.height_system) if name == ALTITUDE else crs
+            source, named = sources[name], crs
             try:
-                _reproject(sources[name], path, crs, RASTERS[name], tags, named)
+                if name == ALTITUDE:
+                    source, named = Path(work) / f"own_{name}", with_heights(crs, estimate.height_system)
+                    write_altitudes(sources[name], source, estimate)
+                _reproject(source, path, crs, RASTERS[name], tags, named)
             except (RasterioError, CPLE_BaseError) as error:
                 reason = " ".join(str(error).split())
                 raise InputError(
@@ -124,7 +124,10 @@ def write_rasters(
 def _floor(tags: dict[str, str]) -> str:
     """Return where heights begin, by the metadata of `height_tags`."""
     altitude, datum = tags.get("FLOOR_ALTITUDE_M"), tags["VERTICAL_DATUM"]
-    return datum if altitude is None else f"the map's floor, at {float(altitude):.2f} m in the {datum}"
+    if altitude is None:
+        return datum
+    level = f"over {datum}" if "VERTICAL_CRS" in tags else f"in the {datum}"
+    return f"the map's floor, at {float(altitude):.2f} m {level}"
 
 
 def coordinate_system(name: str, origin: GeoOrigin) -> CRS:

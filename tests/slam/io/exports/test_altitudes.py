@@ -7,7 +7,9 @@ import pytest
 import rasterio
 from rasterio.warp import transform
 
+from slam.core.errors import InputError
 from slam.core.geodesy import GeoOrigin
+from slam.io.exports import geotiff
 from slam.io.exports.formats import export_map
 from slam.io.geotiff import Grid, write_bands
 from tests.slam.io.exports.made_map import exported, made_map, pose
@@ -62,3 +64,25 @@ def test_altitudes_are_written_in_degrees_too(tmp_path):
     out = altitudes(tmp_path, "EPSG:4979", crs="EPSG:4326")
     with rasterio.open(out / "altitude.tif") as raster:
         assert raster.crs.to_epsg() == 4979
+
+
+@pytest.mark.parametrize(
+    ("system", "level"),
+    [("EPSG:4979", "m over the WGS 84 ellipsoid"), ("", "m in the reference of the recorded")],
+)
+def test_the_level_of_the_floor_is_told_in_plain_words(tmp_path, system, level):
+    bands = {"height": np.zeros((60, 80), np.float32)}
+    origin = GeoOrigin(47.4, 8.54, 430.0, height_system=system)
+    write_bands(tmp_path / "elevation.tif", Grid(-40, 30, 1.0, 80, 60, origin), bands)
+    of = exported(made_map(pose(), origin=origin), folder=tmp_path)
+    *_, heights = export_map(of, "geotiff", tmp_path / "out")
+    assert f"heights are over the map's floor, at 430.00 {level}" in heights
+
+
+def test_altitudes_that_cannot_be_written_are_refused_in_one_line(tmp_path, monkeypatch):
+    def full(*arguments):
+        raise rasterio.errors.RasterioIOError("write failed")
+
+    monkeypatch.setattr(geotiff, "write_altitudes", full)
+    with pytest.raises(InputError, match=r"altitude\.tif cannot be brought into it \(write failed\)"):
+        altitudes(tmp_path, "EPSG:4979")
