@@ -82,20 +82,20 @@ def _lag_traces(flight: Flight, imu: ImuReadings, kind: str) -> dict[str, Array]
             (DELAY, sooner, later, 2.0 * STEP_S),
             (SMOOTHING, now, filtered, FILTER_S**2),
         ):
-            each = (lagging(flight, {**imu.lags, stream: lag}, kind).off for lag in (one, other))
+            each = (with_lags(flight, {**imu.lags, stream: lag}, kind).off for lag in (one, other))
             column = np.subtract(*each) / size
             if np.abs(column).max() < FAINT:
                 continue
             traces[stream + suffix] = column
             if suffix == SMOOTHING and stream == kind:
                 # The integral's own noise is in what a filter would take from it: it would look like one.
-                seen = lagging(flight, imu.lags, kind)
+                seen = with_lags(flight, imu.lags, kind)
                 by_read = (Lag(-FILTER_S, FILTER_S).of(seen.stamps_s, seen.read) - seen.read) / size
                 traces |= {stream + suffix: by_read, stream + suffix + INTEGRATED: column}
     return traces
 
 
-def lagging(flight: Flight, lags: Mapping[str, Lag], kind: str) -> IntegralComparison:
+def with_lags(flight: Flight, lags: Mapping[str, Lag], kind: str) -> IntegralComparison:
     """Return the comparison of a kind that the flight's streams allow, with the lags of some streams."""
     imu = imu_of(flight, lags)
     assert imu is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from slam.core.height_systems import ELLIPSOID, SEA_LEVEL, UNKNOWN, height_system
 from slam.io.files import brief
 from slam.io.sensor_yaml import YamlFile
+from slam.io.survey_system import has_three_axes
 
 
 def stated_height_system(sensor: YamlFile) -> str:
@@ -30,5 +31,5 @@ def _holds_heights(code: str) -> bool:
         system = CRS.from_string(code).to_dict(projjson=True)
     except CRSError:
         return False
-    is_spatial = len(system.get("coordinate_system", {}).get("axis", ())) == 3
-    return system["type"] == "VerticalCRS" or (system["type"] == "GeographicCRS" and is_spatial)
+    kind = system["type"]
+    return kind == "VerticalCRS" or (kind == "GeographicCRS" and has_three_axes(system))

@@ -82,8 +82,8 @@ class SurveySystem:
             if part.get("type") == "VerticalCRS" and code.get("authority") == "EPSG":
                 return f"EPSG:{code['code']}"
         base = _base(system)
-        is_spatial = len(system.get("coordinate_system", {}).get("axis", ())) == 3
-        return f"EPSG:{base['code']}" if is_spatial and base.get("authority") == "EPSG" else UNKNOWN
+        is_named = has_three_axes(system) and base.get("authority") == "EPSG"
+        return f"EPSG:{base['code']}" if is_named else UNKNOWN
 
     @property
     def unit_note(self) -> str:
@@ -141,6 +141,11 @@ def _base(system: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return authority and code of the geographic system below one in PROJ's JSON; empty if not known."""
     plane = system["components"][0] if "components" in system else system
     return dict(plane.get("base_crs", plane).get("id", {}))
+
+
+def has_three_axes(system: Mapping[str, Any]) -> bool:
+    """Return whether a system, as PROJ describes it in JSON, has heights over its ellipsoid beside places."""
+    return len(system.get("coordinate_system", {}).get("axis", ())) == 3
 
 
 def height_unit_m(crs: CRS) -> float:

@@ -18,15 +18,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
-from types import SimpleNamespace
-from unittest import mock
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL.ExifTags import Base
 
-from slam.core import stage_timer
 from slam.core.geodesy import enu_from_geodetic, geodetic_from_enu
 from slam.core.stage_timer import Stopwatch
 from slam.io.photos.import_photos import import_photos
@@ -34,6 +31,7 @@ from slam.mapping.pipeline import optimize
 from slam.report.rasters.mosaic import write_mosaic
 from tests.benchmarks.apart import peak_mb, run_apart
 from tests.benchmarks.metric import Metric, at_most, reported
+from tests.benchmarks.processor_time import stages_by_processor
 from tests.slam.io.photos.photo_files import jpeg
 from tests.slam.photo_survey import ORIGIN, poses
 
@@ -178,8 +176,7 @@ def ground_in(w_T_c: Array, octaves: Sequence[NDArray[np.float32]]) -> NDArray[n
 
 def mapped(folder: Path, warm: Path) -> Survey:
     """Map a survey in this process, after a small one."""
-    # Stages are timed by the clock of the wall; here by that of the processor.
-    with mock.patch.object(stage_timer, "time", SimpleNamespace(perf_counter=time.process_time)):
+    with stages_by_processor():
         _mapped(warm)
         return _mapped(folder)
 

@@ -16,8 +16,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
-from unittest import mock
 
 import cv2
 import numpy as np
@@ -27,7 +25,6 @@ from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
 from slam.cli.source import import_source
-from slam.core import stage_timer
 from slam.core.flight import AttitudeSeries, Flight, Sonar, Truth
 from slam.core.progress import silent
 from slam.evaluation import evaluate
@@ -35,6 +32,7 @@ from slam.mapping.pipeline import optimize
 from slam.report.rasters.mosaic import write_mosaic
 from tests.benchmarks.apart import peak_mb, run_apart
 from tests.benchmarks.metric import Metric, at_most, reported
+from tests.benchmarks.processor_time import stages_by_processor
 
 Array = NDArray[np.float64]
 
@@ -206,8 +204,7 @@ def mapped(path: Path, minutes: float) -> Piece:
     """Map a video in this process."""
     began, used = time.perf_counter(), time.process_time()
     flight = flight_of(path, minutes)
-    # Stages are timed by the clock of the wall; here by that of the processor.
-    with mock.patch.object(stage_timer, "time", SimpleNamespace(perf_counter=time.process_time)):
+    with stages_by_processor():
         estimate = optimize(flight)
     map_s, wall_s, map_mb = time.process_time() - used, time.perf_counter() - began, peak_mb()
     with tempfile.TemporaryDirectory() as scratch:

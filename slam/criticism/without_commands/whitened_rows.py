@@ -17,7 +17,7 @@ from frontend.robust import robust_std
 from slam.core.arrays import Array, Ints
 from slam.core.flight import Flight
 from slam.criticism.search.thresholds import VERY_SIMILAR_NATS
-from slam.data_quality.comparison_derivatives import DELAY, LAGGING, SMOOTHING, derivatives, lagging
+from slam.data_quality.comparison_derivatives import DELAY, LAGGING, SMOOTHING, derivatives, with_lags
 from slam.data_quality.inertial_comparison import (
     BETWEEN_SAMPLES,
     CHANNELS,
@@ -217,7 +217,7 @@ def _delay(flights: Sequence[Flight], lags: Mapping[str, Lag], stream: str) -> L
     fitted anew: without motion both are chance, and must agree. Steps of Gauss and Newton follow."""
     known = []
     for flight in (f for f in flights if any(kind == stream for kind, _ in comparisons(f))):
-        imu, off = imu_of(flight, lags), lagging(flight, lags, stream).off
+        imu, off = imu_of(flight, lags), with_lags(flight, lags, stream).off
         assert imu is not None
         traces = derivatives(flight, imu, stream, off)
         # To first order a filter is a delay.
@@ -225,7 +225,7 @@ def _delay(flights: Sequence[Flight], lags: Mapping[str, Lag], stream: str) -> L
         known.append((flight, near_floor(flight), traces))
 
     def rows(delay_s: float) -> list[WhitenedRows]:
-        each = ((lagging(f, {**lags, stream: Lag(delay_s)}, stream), low_s, t) for f, low_s, t in known)
+        each = ((with_lags(f, {**lags, stream: Lag(delay_s)}, stream), low_s, t) for f, low_s, t in known)
         return [
             row for seen, low_s, traces in each
             for row in whitened_rows(stream, seen.stamps_s, seen.off, traces, low_s, seen.order)

@@ -30,6 +30,7 @@ from slam.io.datum_accuracy import datum_accuracy_m
 from slam.io.exports.altitudes import with_heights, write_altitudes
 from slam.io.exports.exported_map import ExportedMap
 from slam.io.geotiff import BLOCK_PX, CACHE_MB, COG, height_tags
+from slam.io.survey_system import has_three_axes
 
 UTM, NO_SYSTEM = "utm", "none"
 """Words for a system, beside ``EPSG:`` and a number: the zone of the map, and no rasters in any."""
@@ -175,8 +176,7 @@ def _plane_of_system_with_heights(crs: CRS) -> str:
     system = crs.to_dict(projjson=True)
     if "components" in system:
         return str(system["components"][0]["name"])
-    axes = system.get("coordinate_system", {}).get("axis", [])
-    return f"{system['name']} in two dimensions" if len(axes) == 3 else ""
+    return f"{system['name']} in two dimensions" if has_three_axes(system) else ""
 
 
 def _transformed(source: CRS | str, crs: CRS, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
