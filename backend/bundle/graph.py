@@ -88,6 +88,8 @@ class NoiseLevels:
     range_m: float
     slope_rad: float
     """Standard deviation of the slope of the ground along either axis: no noise, but estimated like one."""
+    structure: float = 1.0
+    """Standard deviation of the heights of what stands on the ground, over the mean height."""
     height_m: float = np.inf
     """Height by a barometer."""
     control: float = 1.0
@@ -119,6 +121,12 @@ class BundleProblem:
     scale_prior: ScalePrior | None = None
     inertial: InertialPart | None = None
     reported: ReportedPart | None = None
+    raised: NDArray[np.bool_] | None = None
+    """(t,) floor points that stand above the ground, at heights of their own; None for none."""
+
+    def raised_of(self, points: int) -> NDArray[np.bool_]:
+        """Return the same (t,) for a number of ``points``."""
+        return np.zeros(points, bool) if self.raised is None else self.raised
 
     @property
     def has_lengths(self) -> bool:

@@ -61,7 +61,7 @@ class BundleCost:
     def not_finite(self, at: Variables) -> str:
         """Name the measurement that makes the error at the variables infinite or NaN."""
         seen = self.observations
-        found = seen.residuals(Cameras.of(self.problem, at.values), at.point) / seen.std_px[:, None]
+        found = seen.whitened(Cameras.of(self.problem, at.values), at.point)
         wrong = seen.keyframe[~np.isfinite(found).all(axis=1)]
         if len(wrong):
             where = key_name(POSE(wrong[0]))

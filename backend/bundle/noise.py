@@ -14,6 +14,7 @@ from backend import se3
 from backend.bundle.barometer import HEIGHTS, height_residuals
 from backend.bundle.control import mark_residuals, survey_residuals
 from backend.bundle.factors import ANTENNA, DATUM, LOG_GAIN, LOG_SCALE, OFFSET, body_up
+from backend.bundle.free_points import FreePoints
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
 from backend.bundle.noise_level import (
     least_std,
@@ -22,8 +23,8 @@ from backend.bundle.noise_level import (
     positions_over_typical,
     redundancy_factor,
 )
-from backend.bundle.observations import Cameras
-from backend.bundle.projections import residuals
+from backend.bundle.observations import Cameras, FloorObservations, height_stds
+from backend.bundle.relief import LEAST_PICTURES, find_heights
 from backend.bundle.residual_spread import huber_std, robust_autocorrelated_std
 from backend.measurements import FloorTracks, Measurements
 from backend.quantiles import chi_square_quantile
@@ -39,8 +40,6 @@ TOLERANCE = 0.15
 """Relative difference below which noise levels count as equal: just above the spacing of tried reliefs."""
 _SIMILARITY = 7.0
 """Degrees of freedom by which control points place a map: position, attitude and scale."""
-STUDENT_SCALE = 0.831
-"""Scale c of Student's t with 4 degrees of freedom fitted to N(0, 1): E[5 x^2 / (4 c^2 + x^2)] = 1."""
 
 
 def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels:
@@ -76,39 +75,16 @@ def same_noise(one: NoiseLevels, other: NoiseLevels) -> bool:
 
 
 @dataclass(frozen=True)
-class _Residuals:
-    """Residuals of all kinds at one linearisation point."""
+class Estimated:
+    """Noise levels, observations and points for the next round, as the residuals of one show them."""
 
-    pixel: Array
-    """(m, 2) px."""
-    relief: Array
-    """(t,) heights of the points over the mean height."""
-    relief_information: Array
-    """(t,) information of the pictures alone on each point's height, with its x and y marginalised."""
-
-
-def _linearise(problem: BundleProblem, at: Variables, std_px: Array, used: NDArray[np.bool_]) -> _Residuals:
-    """Compute residuals of all observations."""
-    tracks, cameras = problem.tracks, Cameras.of(problem, at.values)
-    focal, points = np.array(cameras.calibration[:2]), len(at.point)
-    pose = cameras.f_T_c[tracks.keyframe]
-    residual = -residuals(
-        cameras.f_T_c, at.point, cameras.calibration, tracks.keyframe, tracks.track, tracks.pixel
-    )
-    c_p = np.einsum("mba,mb->ma", pose[:, :3, :3], at.point[tracks.track] - pose[:, :3, 3])
-    xy = c_p[:, :2] / c_p[:, 2:]
-    # d pixel / d point without distortion: it is used for weights only.
-    J = np.zeros((len(c_p), 2, 3))
-    J[:, 0, 0] = J[:, 1, 1] = 1.0
-    J[:, :, 2] = -xy
-    J = np.einsum("mab,mcb->mac", J * (focal[:, None] / c_p[:, 2, None, None]), pose[:, :3, :3])
-    J *= (used / std_px)[:, None, None]
-    information = np.zeros((points, 3, 3))
-    np.add.at(information, tracks.track, np.einsum("mka,mkb->mab", J, J))
-    plane = information[:, :2, :2] + 1e-9 * np.eye(2)
-    cross = information[:, :2, 2]
-    projected = np.einsum("ta,ta->t", cross, np.linalg.solve(plane, cross[..., None])[..., 0])
-    return _Residuals(residual, at.point[:, 2], np.maximum(information[:, 2, 2] - projected, 0.0))
+    noise: NoiseLevels
+    used: NDArray[np.bool_]
+    """(m,) observations to keep."""
+    raised: NDArray[np.bool_]
+    """(t,) floor points that stand above the ground."""
+    point: Array
+    """(t, 3) all points; those are at heights of their own."""
 
 
 def estimate_noise(
@@ -117,55 +93,81 @@ def estimate_noise(
     noise: NoiseLevels,
     used: NDArray[np.bool_],
     absorbed: Array,
-) -> tuple[NoiseLevels, NDArray[np.bool_]]:
-    """Return noise levels from the residuals, and the observations (m,) to keep.
+    level: bool = True,
+) -> Estimated:
+    """Return noise levels from the residuals, the observations to keep, and the points above the ground.
 
     ``absorbed`` (3,): how many positions east, north and up the fit absorbs
-    (`backend.bundle.position_redundancy`).
+    (`backend.bundle.position_redundancy`). ``level``: whether the fit has the ground at height zero.
     """
-    tracks = problem.tracks
+    tracks, config = problem.tracks, problem.config
+    sensors = _sensor_noise(problem, at.values, noise, absorbed)
     if len(tracks.track) == 0:
-        return _sensor_noise(problem, at.values, noise, absorbed), used
-    std_px = tracks.std_px * noise.pixel_scale
-    residuals = _linearise(problem, at, std_px, used)
-    whitened = residuals.pixel / std_px[:, None]
-    # The outlier limit uses the estimated noise if it is larger: the nominal one may be far too small.
-    spread = _spread(problem, residuals, whitened, noise, noise.relief, used)
-    used = used & (np.linalg.norm(whitened, axis=1) < problem.config.drop_sigmas * max(1.0, spread))
-    seen = np.bincount(tracks.track[used], minlength=len(residuals.relief))
-    used = used & (seen[tracks.track] >= 2)
-    relief = _estimate_relief(residuals, noise.relief, seen >= 2)
-    spread = _spread(problem, residuals, whitened, noise, relief, used)
+        return Estimated(sensors, used, np.zeros(0, bool), at.point)
+    # Dropped observations too: a height of its own may explain them.
+    every = FloorObservations.of(problem, noise, np.ones(len(used), bool))
+    cameras, whitened = Cameras.of(problem, at.values), np.empty_like(tracks.pixel)
+    whitened[every.number] = every.whitened(cameras, at.point)
+    # Outlier limits use the estimated noise if it is larger: the nominal one may be far too small.
+    spread = huber_std(_evened(tracks.track[used], whitened[used]), config.huber_sigmas)
+    free = FreePoints.of(every, cameras, at.point, config.drop_sigmas * max(1.0, spread))
+    heights = find_heights(free, np.bincount(tracks.track[used], minlength=len(at.point)), noise, level)
+    raised = heights.raised
+    point = np.where(raised[:, None], free.point, at.point)
+    if raised.any() or heights.doubtful.any():
+        whitened[every.number] = every.whitened(cameras, point)
+        used = (used | raised[tracks.track]) & ~heights.doubtful[tracks.track]
+    levels = replace(sensors, relief=heights.relief, structure=heights.structure)
+    fitted_std = np.where(raised, heights.structure, every.prior_std[:, 2])
+    fit = _Fit(whitened, tracks.track, free.information, fitted_std, problem.measurements.count)
+    spread = fit.spread(used, fitted_std, config.huber_sigmas)
+    used = used & (np.linalg.norm(whitened, axis=1) < config.drop_sigmas * max(1.0, spread))
+    pictures = np.bincount(tracks.track[used], minlength=len(point))
+    used = used & (pictures[tracks.track] >= 2)
+    raised = raised & (pictures >= LEAST_PICTURES)
+    spread = fit.spread(used, height_stds(raised, levels), config.huber_sigmas)
     spread *= np.sqrt(track_correlation_factor(tracks, whitened, used))
     pixel_scale = max(noise.pixel_scale * float(np.clip(spread, 0.2, 5.0)), _MIN_PIXEL_SCALE)
-    level = replace(noise, pixel_scale=pixel_scale, relief=relief)
-    return _sensor_noise(problem, at.values, level, absorbed), used
+    return Estimated(replace(levels, pixel_scale=pixel_scale), used, raised, point)
 
 
-def _spread(
-    problem: BundleProblem,
-    residuals: _Residuals,
-    whitened: Array,
-    noise: NoiseLevels,
-    relief: float,
-    used: NDArray[np.bool_],
-) -> float:
-    """Return the standard deviation of the whitened pixel noise, corrected for degrees of freedom.
+def _evened(track: NDArray[np.int64], whitened: Array) -> Array:
+    """Return whitened residuals (m, 2) over the share that the fit of each point leaves of them.
 
-    ``noise`` holds the levels of the fit; ``relief`` is the current estimate of the floor's relief.
+    It absorbs half with two pictures. Without this, a mixture of variances would look heavy-tailed.
     """
-    track = problem.tracks.track[used]
-    seen = np.bincount(track, minlength=len(residuals.relief))
-    # The fit of a point absorbs a share of its residuals, half with two pictures. Correct for it first: a
-    # mixture of variances would look heavy-tailed.
-    evened = whitened[used] * np.sqrt(seen / np.maximum(seen - 1, 1))[track][:, None]
-    # Each pose absorbs six degrees of freedom. A height absorbs the share that its prior ``noise.relief``
-    # allows; ``relief`` gives the variance of what remains.
-    held = 1.0 / (1.0 + residuals.relief_information * noise.relief**2)
-    left_z = held**2 * (1.0 + residuals.relief_information * relief**2)
-    left = 2 * float((seen[seen >= 2] - 1).sum())
-    dof = max(1.0, left - float((1.0 - left_z)[seen >= 2].sum()) - 6 * problem.measurements.count)
-    return huber_std(evened, problem.config.huber_sigmas) * float(np.sqrt(left / dof))
+    pictures = np.bincount(track)
+    return np.asarray(whitened * np.sqrt(pictures / np.maximum(pictures - 1, 1))[track][:, None])
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Residuals of all observations, and the freedom of the fit that they are of."""
+
+    whitened: Array
+    """(m, 2)."""
+    track: NDArray[np.int64]
+    """(m,)."""
+    information: Array
+    """(t,) of the pictures alone on each point's height."""
+    height_std: Array
+    """(t,) deviation of the prior on it in the fit."""
+    poses: int
+
+    def spread(self, used: NDArray[np.bool_], height_std: Array, huber_sigmas: float) -> float:
+        """Return the standard deviation of the whitened pixel noise, corrected for degrees of freedom.
+
+        ``height_std`` (t,) is the current estimate of the deviations of the heights.
+        """
+        pictures = np.bincount(self.track[used], minlength=len(height_std))
+        # Each pose absorbs six degrees of freedom. A height absorbs the share that its prior in the fit
+        # allows; the estimate of the prior gives the variance of what remains.
+        held = 1.0 / (1.0 + self.information * self.height_std**2)
+        left_z = held**2 * (1.0 + self.information * height_std**2)
+        left = 2 * float((pictures[pictures >= 2] - 1).sum())
+        dof = max(1.0, left - float((1.0 - left_z)[pictures >= 2].sum()) - 6 * self.poses)
+        evened = _evened(self.track[used], self.whitened[used])
+        return huber_std(evened, huber_sigmas) * float(np.sqrt(left / dof))
 
 
 def _sensor_noise(
@@ -288,22 +290,3 @@ def track_correlation_factor(tracks: FloorTracks, whitened: Array, used: NDArray
         chance += (2.0 * share) ** 2 / (2 * float(pair.sum()))
     # Independent errors are slightly correlated by chance.
     return 1.0 + excess if excess > 2.0 * np.sqrt(chance) else 1.0
-
-
-def _estimate_relief(residuals: _Residuals, start: float, seen: NDArray[np.bool_]) -> float:
-    """Estimate the standard deviation of the floor's relief by maximum likelihood.
-
-    The height of a point from the pictures alone is N(0, relief² + 1/information).
-    """
-    information = residuals.relief_information
-    known = seen & (information * start**2 > 1e-3)
-    if known.sum() < 20:
-        return start
-    information = information[known]
-    z = residuals.relief[known] * (1.0 + 1.0 / (information * start**2))
-    grid = start * np.geomspace(1e-2, 1e2, 81)
-    variance = grid[:, None] ** 2 + 1.0 / information
-    # Student's loss: a few points on walls or wrong matches must not raise the relief. STUDENT_SCALE makes
-    # it consistent for Gaussian heights.
-    loss = np.sum(0.5 * np.log(variance) + 2.5 * np.log1p(z**2 / (4.0 * STUDENT_SCALE**2 * variance)), axis=1)
-    return float(np.clip(grid[np.argmin(loss)], max(0.05 * start, 2e-4), 20 * start))

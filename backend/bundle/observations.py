@@ -73,7 +73,8 @@ class FloorObservations:
     """(m,)."""
     huber_sigmas: float
     prior_std: Array
-    """(3,) standard deviations of a point about the origin: anywhere along the floor, and its relief."""
+    """(t, 3) standard deviations of the points about the origin: anywhere along the floor, and the relief of
+    the ground or the height of what stands on it."""
 
     @staticmethod
     def of(problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_]) -> FloorObservations:
@@ -82,6 +83,8 @@ class FloorObservations:
         number = np.flatnonzero(used)
         number = number[np.lexsort((tracks.keyframe[number], tracks.track[number]))]
         seen = np.bincount(tracks.track[number], minlength=int(tracks.track.max(initial=-1)) + 1)
+        prior_std = np.full((len(seen), 3), _ANYWHERE)
+        prior_std[:, 2] = height_stds(problem.raised_of(len(seen)), noise)
         return FloorObservations(
             number=number,
             keyframe=np.asarray(tracks.keyframe[number], dtype=np.int64),
@@ -90,7 +93,7 @@ class FloorObservations:
             pixel=np.ascontiguousarray(tracks.pixel[number], dtype=float),
             std_px=tracks.std_px[number] * noise.pixel_scale,
             huber_sigmas=float(problem.config.huber_sigmas),
-            prior_std=np.array([_ANYWHERE, _ANYWHERE, noise.relief]),
+            prior_std=prior_std,
         )
 
     def residuals(self, cameras: Cameras, point: Array) -> Array:
@@ -98,10 +101,14 @@ class FloorObservations:
         seen = self.keyframe, self.track, self.pixel
         return np.asarray(residuals(cameras.f_T_c, point, cameras.calibration, *seen))
 
+    def whitened(self, cameras: Cameras, point: Array) -> Array:
+        """Return the same over the pixel noise."""
+        return self.residuals(cameras, point) / self.std_px[:, None]
+
     def error(self, cameras: Cameras, point: Array) -> float:
         """Return the sum of Huber's loss of the observations and half the squares of the priors."""
-        found = self.residuals(cameras, point)
-        distance = np.hypot(found[:, 0], found[:, 1]) / self.std_px
+        found = self.whitened(cameras, point)
+        distance = np.hypot(found[:, 0], found[:, 1])
         cut = np.minimum(distance, self.huber_sigmas)
         priors = 0.5 * float(np.sum((point / self.prior_std) ** 2))
         return float(np.sum(cut * (distance - 0.5 * cut))) + priors
@@ -116,3 +123,8 @@ class FloorObservations:
             self.std_px, self.huber_sigmas, of_pose, of_point, of_calibration,
         )  # fmt: skip
         return LinearObservations(of_pose, of_point, of_calibration, right, -point / self.prior_std)
+
+
+def height_stds(raised: NDArray[np.bool_], noise: NoiseLevels) -> Array:
+    """Return the standard deviations (t,) of the heights of points, some of which stand above the ground."""
+    return np.where(raised, noise.structure, noise.relief)

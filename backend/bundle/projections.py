@@ -31,7 +31,8 @@ below the rounding."""
 
 
 @njit(cache=True)
-def _in_camera(f_T_c: Array, point: Array) -> tuple[float, float, float]:
+def in_camera(f_T_c: Array, point: Array) -> tuple[float, float, float]:
+    """Return the coordinates of a point in the camera."""
     x, y, z = point[0] - f_T_c[0, 3], point[1] - f_T_c[1, 3], point[2] - f_T_c[2, 3]
     return (
         f_T_c[0, 0] * x + f_T_c[1, 0] * y + f_T_c[2, 0] * z,
@@ -83,7 +84,7 @@ def distorted(calibration: Array, xy: Array) -> Array:
 @njit(cache=True)
 def residual(f_T_c: Array, point: Array, calibration: Array, pixel: Array) -> tuple[float, float]:
     """Return projection minus measured pixel: twice the focal length for a point behind the camera."""
-    x, y, z = _in_camera(f_T_c, point)
+    x, y, z = in_camera(f_T_c, point)
     fx, fy, cx, cy = calibration[:4]
     if z <= 0.0:
         return 2.0 * fx, 2.0 * fx
@@ -124,7 +125,7 @@ def linearise(
     """
     count, lens = len(keyframe), of_calibration.shape[2] > 0
     right = np.empty((count, 2))
-    of_ray, in_camera = np.zeros((2, 2)), np.zeros((2, 3))
+    of_ray, by_place = np.zeros((2, 2)), np.zeros((2, 3))
     for m in range(count):
         T = f_T_c[keyframe[m]]
         u, v = residual(T, point[track[m]], calibration, pixel[m])
@@ -133,17 +134,17 @@ def linearise(
         if distance > huber_sigmas:
             weight *= math.sqrt(huber_sigmas / distance)
         right[m, 0], right[m, 1] = -weight * u, -weight * v
-        X, Y, Z = _in_camera(T, point[track[m]])
+        X, Y, Z = in_camera(T, point[track[m]])
         if Z <= 0.0:
             of_pose[m], of_point[m], of_calibration[m] = 0.0, 0.0, 0.0
             continue
         x, y = X / Z, Y / Z
-        _by_ray(calibration, x, y, of_ray)
+        by_ray(calibration, x, y, of_ray)
         for row in range(2):
             a, b = weight * of_ray[row, 0] / Z, weight * of_ray[row, 1] / Z
-            in_camera[row, 0], in_camera[row, 1], in_camera[row, 2] = a, b, -(a * x + b * y)
+            by_place[row, 0], by_place[row, 1], by_place[row, 2] = a, b, -(a * x + b * y)
         for row in range(2):
-            a, b, c = in_camera[row]
+            a, b, c = by_place[row]
             J = of_pose[m, row]
             J[0], J[1], J[2] = b * Z - c * Y, c * X - a * Z, a * Y - b * X
             J[3], J[4], J[5] = -a, -b, -c
@@ -155,7 +156,7 @@ def linearise(
 
 
 @njit(cache=True)
-def _by_ray(calibration: Array, x: float, y: float, J: Array) -> None:
+def by_ray(calibration: Array, x: float, y: float, J: Array) -> None:
     """Fill in the Jacobian (2, 2) of the pixel by the undistorted image coordinates."""
     fx, fy = calibration[:2]
     r2 = x * x + y * y
@@ -220,7 +221,7 @@ def undistorted(calibration: Array, pixel: Array) -> Array:
         x, y = xr, yr
         for _ in range(_UNDISTORTION_STEPS):
             xd, yd = _distorted(calibration, x, y)
-            _by_ray(calibration, x, y, J)
+            by_ray(calibration, x, y, J)
             a, b, c, d = J[0, 0] / fx, J[0, 1] / fx, J[1, 0] / fy, J[1, 1] / fy
             determinant = a * d - b * c
             if determinant <= 0.0:

@@ -234,7 +234,7 @@ class LinearSystem:
         of_point = size + 3 * s.observations.track[:, None] + np.arange(3)
         columns = np.hstack([s.of_cameras.reshape(-1, 6)[s.camera], lens, of_point])
         values = np.concatenate([seen.of_pose, seen.of_calibration, seen.of_point], axis=2)
-        prior, sensors = np.tile(1.0 / s.observations.prior_std, points // 3), csr_array(self.pose_side)
+        prior, sensors = (1.0 / s.observations.prior_std).ravel(), csr_array(self.pose_side)
         width, each = size + points, np.arange(points + 1)
         begin = np.arange(0, values.size + 1, values.shape[2])
         parts = (

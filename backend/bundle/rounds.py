@@ -29,6 +29,9 @@ robust losses: two pictures of trees took up to 117 small steps, while maps of a
 _ANY_SLOPE_RAD = 0.6
 """Standard deviation of a slope that may be any: twice of it is steeper than any ground that is mapped."""
 
+_FAR = 3.0
+"""Standard deviations of the relief beyond which heights have drawn the poses along."""
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -51,11 +54,12 @@ def solve_rounds(
     used = np.ones(len(tracks.track), bool)
     first, iterations = noise, 0
     settled = False
-    of_any_slope: int | None = None  # the round with a prior that any slope fits
+    of_any_slope: int | None = None  # the round with a prior that any slope fits,
+    of_any_height: int | None = None  # and that with one that any height of a point fits
     for number in range(config.rounds):
         if number == 1 and is_uncertain(camera) and len(used) and not problem.self_calibrates:
             # Only now, as the lens is less certain than the poses of a poor initial guess.
-            problem = replace(problem, self_calibrates=True)
+            problem = replace(problem, self_calibrates=True, raised=None)
             at = start_calibration(at, camera)
             # What the stated lens does not explain is no outlier yet, and no noise.
             used = np.ones(len(tracks.track), bool)
@@ -74,19 +78,35 @@ def solve_rounds(
         optimum = BundleOptimum(cost, at, minimum.structure, noise, used)
         factors, kept = estimate_inertial_noise(optimum)
         absorbed = absorbed_positions(optimum)
-        noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
+        level = number != of_any_height
+        found = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed, level)
+        noise, used, at = found.noise, found.used, replace(at, point=found.point)
+        problem = replace(problem, raised=found.raised)
         slope_rad = _slope_std_rad(problem, at)
         if slope_rad > (1.0 + TOLERANCE) * config.slope_std_rad and of_any_slope is None:
             # What the narrow prior does not explain is no outlier yet, and no noise.
             of_any_slope, slope_rad = number + 1, _ANY_SLOPE_RAD
             used = np.ones(len(tracks.track), bool)
             noise = replace(first, inertial=noise.inertial, reported=noise.reported)
+            problem = replace(problem, raised=None)
+        elif of_any_height is None and (number > 0 or not is_uncertain(camera)):
+            high = noise.structure if found.raised.any() else noise.relief
+            of_any_height = number + 1 if high > _FAR * before.relief else None
         noise = replace(noise, slope_rad=slope_rad)
         if number == 0:
             # Once, because levels of a grid would keep the rounds from settling.
             noise = replace(noise, reported=reported_noise(problem, at.values))
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
         problem, at = _reintegrated(problem, at, kept, before.reported)
+        if of_any_height == number + 1:
+            # The same of the relief. Structure has drawn the poses along until now.
+            narrow, settled, used = (problem, at, noise, used), False, np.ones(len(tracks.track), bool)
+            moved = replace(first, inertial=noise.inertial, reported=noise.reported)
+            noise = replace(moved, relief=high, slope_rad=slope_rad)
+            problem = replace(problem, raised=None)
+        elif of_any_height == number and not found.raised.any():
+            # No structure: without a plane, an error of the lens may bend the map to any shape.
+            (problem, at, noise, used), settled = narrow, False
     return Solved(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
 
 

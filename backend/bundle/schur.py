@@ -68,7 +68,7 @@ def eliminate(
 ) -> tuple[Array, Array, Array]:
     """Return Y' of each observation (m, 3, 6), L^-1 W' of the calibration (t, 3, q), and L^-1 (t, 3, 3).
 
-    ``prior`` (3,) is the information of each point's prior, added to the diagonal of V.
+    ``prior`` (t, 3) is the information of the points' priors, added to the diagonal of V.
     """
     points, q = len(first) - 1, of_calibration.shape[2]
     y_pose, y_calibration = np.empty((len(of_pose), 3, 6)), np.zeros((points, 3, q))
@@ -76,7 +76,7 @@ def eliminate(
     for t in range(points):
         V[:], mixed[:] = 0.0, 0.0
         for a in range(3):
-            V[a, a] = prior[a]
+            V[a, a] = prior[t, a]
         for m in range(first[t], first[t + 1]):
             for k in range(2):
                 for a in range(3):

@@ -41,6 +41,8 @@ class Scene:
     """Standard deviation over the height."""
     walls: float = 0.0
     """Share of points that stand a quarter of the height above the floor."""
+    moving: float = 0.0
+    """Share of points that move along the floor, by a twentieth of the height between two keyframes."""
     slope_rad: tuple[float, float] = (0.0, 0.0)
     tilt_std_rad: float = 0.03
     attitude_std_rad: float | None = 0.01
@@ -80,6 +82,12 @@ class Made:
     slope_rad: tuple[float, float]
     lens: np.ndarray
     """True fx, fy, cx, cy, and k1, k2, p1, p2, k3 or the k1, k2, k3, k4 of a fisheye."""
+    point: np.ndarray
+    """(t, 3) true points of the tracks, over the floor; of those that move, where they were at first."""
+    is_moving: np.ndarray
+    """(t,)."""
+    point: np.ndarray
+    """(t, 3) true points of the tracks, over the floor."""
 
 
 def make(scene: Scene, seed: int) -> Made:
@@ -92,13 +100,17 @@ def make(scene: Scene, seed: int) -> Made:
     floor[2, 3] = 7.0 * scene.height_m if placed else 0.0
     w_T_b = floor @ f_T_b
     n = scene.keyframes
+    instruments = {
+        "attitudes": _attitudes(scene, w_T_b, rng),
+        "ranges": _ranges(scene, f_T_b, rng),
+        "positions": _positions(scene, w_T_b, rng),
+        "heights": _heights(scene, w_T_b, rng),
+    }
+    tracks, point, is_moving = _tracked(scene, f_T_b, rng)
     measurements = Measurements(
         np.arange(n) * 1.0,
-        attitudes=_attitudes(scene, w_T_b, rng),
-        ranges=_ranges(scene, f_T_b, rng),
-        positions=_positions(scene, w_T_b, rng),
-        heights=_heights(scene, w_T_b, rng),
-        tracks=_tracks(scene, f_T_b, rng),
+        **instruments,
+        tracks=tracks,
         camera=scene.camera,
         range_gain_std=scene.range_gain_std,
         range_datum_std_m=scene.range_datum_std_m,
@@ -110,7 +122,8 @@ def make(scene: Scene, seed: int) -> Made:
     if not placed:
         start[0, :2, 3] = 0.0
         start[:, :3, 3] *= 1.03
-    return Made(measurements, start, w_T_b, float(floor[2, 3]), scene.slope_rad, _lens(scene))
+    floor_z_m, lens = float(floor[2, 3]), _lens(scene)
+    return Made(measurements, start, w_T_b, floor_z_m, scene.slope_rad, lens, point, is_moving)
 
 
 def _heights(scene: Scene, w_T_b: np.ndarray, rng: np.random.Generator) -> tuple[BarometerHeight, ...]:
@@ -159,7 +172,14 @@ def _poses(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 
 
 def _tracks(scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator) -> FloorTracks:
-    """Points spread evenly; as many in each view as asked for, on average."""
+    return _tracked(scene, f_T_b, rng)[0]
+
+
+def _tracked(
+    scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator
+) -> tuple[FloorTracks, np.ndarray, np.ndarray]:
+    """Points spread evenly; as many in each view as asked for, on average. Beside the tracks: true points
+    (t, 3) at the first keyframe, and which of them move."""
     camera, h, lens = scene.camera, scene.height_m, _lens(scene)
     f_T_c = f_T_b @ camera.b_T_c
     lo, hi = f_T_c[:, :2, 3].min(axis=0) - 1.5 * h, f_T_c[:, :2, 3].max(axis=0) + 1.5 * h
@@ -170,9 +190,12 @@ def _tracks(scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator) -> FloorT
     noise = rng.normal(0, scene.pixel_std, (len(f_T_c), count, 2))
     for k in range(1, len(noise)):
         noise[k] = scene.pixel_colour * noise[k - 1] + np.sqrt(1 - scene.pixel_colour**2) * noise[k]
+    draw = np.random.default_rng(count)  # beside the other draws, which stay without it
+    is_moving, angle = draw.uniform(size=count) < scene.moving, draw.uniform(0, 2 * np.pi, count)
+    speed = 0.05 * h * is_moving * np.array([np.cos(angle), np.sin(angle), 0 * angle])
     rows = []
     for k, pose in enumerate(f_T_c):
-        c_p = (point - pose[:3, 3]) @ pose[:3, :3]
+        c_p = (point + k * speed.T - pose[:3, 3]) @ pose[:3, :3]
         xy = c_p[:, :2] / c_p[:, 2:]
         pixel = _recorded(xy, lens)
         # Beyond 45 degrees Brown's distortion folds points back into the picture: a lens does not see them.
@@ -183,9 +206,10 @@ def _tracks(scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator) -> FloorT
     table = np.array(rows)
     track = table[:, 1].astype(int)
     table = table[np.bincount(track)[track] >= 2]
-    _, track = np.unique(table[:, 1], return_inverse=True)
+    number, track = np.unique(table[:, 1].astype(int), return_inverse=True)
     nominal = np.full(len(table), scene.told_pixel_std)
-    return FloorTracks(table[:, 0].astype(int), track, table[:, 2:], nominal)
+    tracks = FloorTracks(table[:, 0].astype(int), track, table[:, 2:], nominal)
+    return tracks, point[number], is_moving[number]
 
 
 def _attitudes(scene: Scene, w_T_b: np.ndarray, rng: np.random.Generator) -> tuple[Attitude, ...]:

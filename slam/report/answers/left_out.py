@@ -49,7 +49,7 @@ _REASONS: tuple[tuple[str, str, str], ...] = (
     (
         _VIEW,
         "Single views of a point of the ground that lies elsewhere in all other pictures: it moved, or "
-        "stands above the ground",
+        "stands above the ground where only two pictures show it",
         f"{_NO}the picture itself stays.",
     ),
     (

@@ -56,8 +56,8 @@ def factor_graph(cost: BundleCost) -> gtsam.NonlinearFactorGraph:
                 pixel, model, POSE(k), POINT(t), fixed, False, False
             )
         graph.push_back(factor)
-    flat = gtsam.noiseModel.Diagonal.Sigmas(seen.prior_std)
-    for t in range(len(seen.first) - 1):
+    for t, std in enumerate(seen.prior_std):
+        flat = gtsam.noiseModel.Diagonal.Sigmas(std)
         graph.push_back(gtsam.PriorFactorPoint3(POINT(t), np.zeros(3), flat))
     graph.push_back(cost.pose_side.graph)
     return graph

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from backend.bundle.noise import STUDENT_SCALE
 from backend.bundle.noise_level import least_std, redundancy_factor
 from backend.bundle.refinement import refine
+from backend.bundle.relief import STUDENT_SCALE
 from backend.bundle.residual_spread import autocorrelated_std, huber_std
 from tests.backend.made_floor import Scene, aligned, make, nees
 

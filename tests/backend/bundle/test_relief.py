@@ -1,0 +1,164 @@
+"""Floor points at heights of their own: flat floors lose nothing, structure keeps its heights, what moves is
+left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from backend.bundle.free_points import FreePoints
+from backend.bundle.graph import BundleConfig
+from backend.bundle.noise import start_noise
+from backend.bundle.observations import Cameras
+from backend.bundle.refinement import Bundle, refine
+from backend.bundle.relief import LEAST_PICTURES, Heights, find_heights
+from tests.backend.bundle.made_scenes import SONAR, SURVEY, errors_squared, position_rms
+from tests.backend.made_floor import Made, make
+
+SEEDS = range(12, 20)
+"""The last has so many points on structure in a picture that these first draw its pose along."""
+BASES = {"sonar": SONAR, "gps": replace(SURVEY, relief=0.0)}
+bases = pytest.mark.parametrize("base", ["sonar", pytest.param("gps", marks=pytest.mark.slow)])
+
+
+@cache
+def solved(base: str, walls: float, moving: float = 0.0) -> tuple[tuple[Made, Bundle], ...]:
+    made = [make(replace(BASES[base], walls=walls, moving=moving), seed) for seed in SEEDS]
+    return tuple((m, refine(m.measurements, m.start, m.floor_z_m)) for m in made)
+
+
+def pictures_of_points(made: Made, used: np.ndarray | None = None) -> np.ndarray:
+    """(t,) number of each point's observations, or of those that are used."""
+    track = made.measurements.tracks.track
+    return np.bincount(track if used is None else track[used], minlength=len(made.point))
+
+
+@bases
+def test_a_flat_floor_gives_the_planar_result_with_its_information(base: str):
+    """The reference is told that all points lie on the plane."""
+    for made, bundle in solved(base, 0.0)[:4]:
+        assert not bundle.optimum.problem.raised.any()
+        flat, once = replace(bundle.noise, relief=1e-6), replace(BundleConfig(), rounds=1)
+        planar = refine(made.measurements, made.start, made.floor_z_m, once, noise=flat)
+        std, of_planar = (np.sqrt(np.einsum("nii->ni", b.covariances[1:])) for b in (bundle, planar))
+        np.testing.assert_allclose(std, of_planar, rtol=0.02)
+        off = position_rms(made, bundle.w_T_b) - position_rms(made, planar.w_T_b)
+        assert abs(off) < 0.02 * position_rms(made, planar.w_T_b)
+
+
+@bases
+@pytest.mark.parametrize("walls", [0.05, 0.3])
+def test_structure_keeps_its_heights_and_bends_no_map(base: str, walls: float):
+    height_m, flat = BASES[base].height_m, solved(base, 0.0)
+    kept, seen, off, drawn, rms = 0, 0, [], [], []
+    for made, bundle in solved(base, walls):
+        structure = made.point[:, 2] > 0.1 * height_m
+        told = structure & (pictures_of_points(made) >= LEAST_PICTURES)
+        used = told & (pictures_of_points(made, bundle.optimum.used) >= LEAST_PICTURES)
+        kept, seen = kept + used.sum(), seen + told.sum()
+        off.append((bundle.optimum.at.point[:, 2] - made.point[:, 2] / height_m)[used])
+        drawn.append(errors_squared(made, bundle).mean())
+        rms.append(position_rms(made, bundle.w_T_b))
+    assert kept > 0.95 * seen
+    assert np.median(np.abs(np.concatenate(off))) < 0.015
+    assert 4.6 < np.mean(drawn) < 7.4
+    assert np.mean(rms) < 1.1 * np.mean([position_rms(made, bundle.w_T_b) for made, bundle in flat])
+
+
+@bases
+def test_points_that_move_are_left_out(base: str):
+    """But for the few whose motion along the flight looks like a height."""
+    moving, all_moving, drawn = 0, 0, []
+    for made, bundle in solved(base, 0.1, moving=0.1):
+        is_moving = made.is_moving[made.measurements.tracks.track]
+        moving += (bundle.optimum.used & is_moving).sum()
+        all_moving += is_moving.sum()
+        drawn.append(errors_squared(made, bundle).mean())
+    assert moving < 0.05 * all_moving
+    assert 4.6 < np.mean(drawn) < 7.4
+
+
+NOISE = start_noise(make(SONAR, 0).measurements, BundleConfig())
+
+
+def found_in(z: np.ndarray, std: float, pictures: np.ndarray | None = None) -> Heights:
+    """What heights with noise of a deviation show."""
+    rng, count = np.random.default_rng(1), np.full(len(z), 5) if pictures is None else pictures
+    point = np.column_stack([np.zeros((len(z), 2)), z + rng.normal(0, std, len(z))])
+    return find_heights(FreePoints(point, np.full(len(z), std**-2), count, count), count, NOISE)
+
+
+def test_ground_and_structure_are_told_apart():
+    rng = np.random.default_rng(2)
+    roofs = rng.uniform(size=2000) < 0.3
+    z = np.where(roofs, rng.uniform(0.1, 0.4, 2000), rng.normal(0, 0.01, 2000))
+    found = found_in(z, 0.005)
+    assert np.mean(found.raised == roofs) > 0.995
+    assert found.relief == pytest.approx(0.01, rel=0.15)
+    assert found.structure == pytest.approx(np.sqrt(np.mean(z[roofs] ** 2)), rel=0.1)
+
+
+@pytest.mark.parametrize("relief", [0.0, 0.01, 0.1])
+def test_relief_alone_is_no_structure(relief: float):
+    rng = np.random.default_rng(3)
+    assert not any(found_in(rng.normal(0, relief, 500), 0.005).raised.any() for _ in range(10))
+
+
+def test_two_pictures_tell_no_height():
+    """Such points are left out."""
+    z = np.where(np.arange(500) % 4 == 0, 0.25, 0.0)
+    of_three, of_two = np.full(500, LEAST_PICTURES), np.full(500, LEAST_PICTURES - 1)
+    pictures = np.where(np.arange(500) % 8 == 0, of_two, of_three)
+    found = found_in(z, 0.005, pictures)
+    np.testing.assert_array_equal(found.raised, (z > 0) & (pictures == of_three))
+    np.testing.assert_array_equal(found.doubtful, (z > 0) & (pictures == of_two))
+    assert not found_in(z, 0.005, of_two).raised.any()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_ground_that_is_not_level_is_the_plane_of_most_points(share: float):
+    rng = np.random.default_rng(4)
+    xy, roofs = rng.uniform(-3, 3, (400, 2)), rng.uniform(size=400) < share
+    point = np.column_stack([xy, 0.25 * roofs - 0.1 + xy @ [0.05, -0.03] + rng.normal(0, 0.005, 400)])
+    count = np.full(400, 5)
+    free = FreePoints(point, np.full(400, 0.005**-2), count, count)
+    found = find_heights(free, count, NOISE, level=False)
+    np.testing.assert_array_equal(found.raised, roofs)
+    assert found.relief < 0.003
+
+
+def test_a_free_point_is_where_its_pictures_are_fitted_best():
+    made, bundle = solved("sonar", 0.05)[0]
+    cost, at = bundle.optimum.cost, bundle.optimum.at
+    seen, cameras = cost.observations, Cameras.of(cost.problem, at.values)
+    free = FreePoints.of(seen, cameras, at.point + 0.02, np.inf)
+    for t in np.flatnonzero(free.agreeing >= 4)[:5]:
+        rows = slice(seen.first[t], seen.first[t + 1])
+        alone = replace(
+            seen, keyframe=seen.keyframe[rows], track=0 * seen.track[rows], pixel=seen.pixel[rows],
+            std_px=seen.std_px[rows], prior_std=np.array([1e4, 1e4, 1.0]),
+        )  # fmt: skip
+        start = at.point[t]
+        best = minimize(
+            lambda p, alone=alone: alone.error(cameras, p[None]), start, method="Powell", tol=1e-9
+        ).x
+        np.testing.assert_allclose(free.point[t], best, atol=1e-5)
+        np.testing.assert_allclose(free.point[t, 2], made.point[t, 2] / SONAR.height_m, atol=0.03)
+
+
+def test_an_observation_that_the_others_contradict_is_left_out_of_a_free_point():
+    _, bundle = solved("sonar", 0.05)[0]
+    cost, at = bundle.optimum.cost, bundle.optimum.at
+    seen, cameras = cost.observations, Cameras.of(cost.problem, at.values)
+    right = FreePoints.of(seen, cameras, at.point, 6.0)
+    t = int(np.argmax(right.agreeing))
+    pixel = seen.pixel.copy()
+    pixel[seen.first[t]] += [60.0, -40.0]
+    found = FreePoints.of(replace(seen, pixel=pixel), cameras, at.point, 6.0)
+    assert found.agreeing[t] == right.agreeing[t] - 1
+    np.testing.assert_allclose(found.point[t], right.point[t], atol=0.01)
+    assert (np.delete(found.agreeing, t) == np.delete(right.agreeing, t)).all()
