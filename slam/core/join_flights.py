@@ -32,7 +32,9 @@ from slam.core.flight import (
     Truth,
     with_unique_names,
 )
+from slam.core.height_systems import height_system_text
 from slam.core.messages import same_kind
+from slam.core.names import listed
 from slam.core.picture_content import content_key
 
 Array = NDArray[np.float64]
@@ -69,6 +71,7 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
     if copies:
         raise InputError(f"{copies[0].removesuffix('it was left out')}give it once")
     shifts_s, warnings = _shifts(parts)
+    warnings += _levels_differ(parts)
     with_truth = [flight.name for flight in parts if flight.truth is not None]
     if 0 < len(with_truth) < len(parts):
         warnings.append(
@@ -96,6 +99,21 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
         all_keyframes=parts[0].all_keyframes,
         parts=parts,
     )
+
+
+def _levels_differ(flights: Sequence[Flight]) -> list[str]:
+    """Return a line where flights state different levels of their altitudes."""
+    of: dict[str, list[str]] = {}
+    for flight in flights:
+        if flight.gps is not None and flight.gps.height_system and np.isfinite(flight.gps.altitude_m).any():
+            of.setdefault(flight.gps.height_system, []).append(flight.name)
+    if len(of) < 2:
+        return []
+    each = "; ".join(f"{height_system_text(system)}: {listed(names)}" for system, names in of.items())
+    return [
+        f"altitudes of the flights count from different levels ({each}), which lie up to a hundred metres "
+        "apart: heights of the map are wrong by that; convert the altitudes to one level"
+    ]
 
 
 def _check_same_camera(first: Flight, other: Flight) -> None:

@@ -250,3 +250,15 @@ def test_every_field_of_every_series_has_a_rule(two):
     """A field without one is an error."""
     joint = join_flights([with_gps(flight) for flight in two])
     assert all(getattr(joint, name) is not None for name in JOINED_STREAMS)
+
+
+@pytest.mark.parametrize(("other", "is_told"), [("EPSG:4979", True), ("EPSG:5773", False), ("", False)])
+def test_altitudes_over_different_levels_are_told(two, other, is_told):
+    """The ellipsoid and sea level lie up to a hundred metres apart."""
+    flights = [
+        of_series(gps={"height_system": system})(with_gps(flight))
+        for flight, system in zip(two, ("EPSG:5773", other), strict=True)
+    ]
+    lines = [line for line in join_flights(flights).warnings if "different levels" in line]
+    assert len(lines) == is_told
+    assert all("WGS 84 ellipsoid" in line and flights[1].name in line for line in lines)
