@@ -59,15 +59,12 @@ def _shared_s(a: Any, b: Any) -> float:
     if a is None or b is None:
         return 0.0
     one, other = _readings(a), _readings(b)
-    if one.shape[1] != other.shape[1]:
+    if one.shape[1] != other.shape[1] or not one.size:
         return 0.0
     # Readings that are met once in each, and by how many readings the second flight begins later.
-    rows = (np.unique(seen, axis=0, return_index=True, return_counts=True) for seen in (one, other))
-    places = [
-        {row.tobytes(): k for row, k, n in zip(*found, strict=True) if n == 1 and np.isfinite(row).any()}
-        for found in rows
-    ]
-    later = [k - places[1][row] for row, k in places[0].items() if row in places[1]]
+    (rows, at), (others, other_at) = map(_met_once, (one, other))
+    _, same_row, same_other = np.intersect1d(rows, others, assume_unique=True, return_indices=True)
+    later = at[same_row] - other_at[same_other]
     if len(later) < MIN_READINGS:
         return 0.0
     values, counts = np.unique(later, return_counts=True)
@@ -77,6 +74,14 @@ def _shared_s(a: Any, b: Any) -> float:
     if count < MIN_READINGS or np.mean(~same) > ALL_BUT:
         return 0.0
     return float(a.stamps_s[end - 1] - a.stamps_s[begin])
+
+
+def _met_once(readings: NDArray[np.float64]) -> tuple[NDArray[np.void], NDArray[np.int64]]:
+    """Return the bytes of each of the readings (n, k) that is met once, and its place among them."""
+    as_bytes = np.ascontiguousarray(readings).view((np.void, readings.itemsize * readings.shape[1])).ravel()
+    rows, at, counts = np.unique(as_bytes, return_index=True, return_counts=True)
+    once = (counts == 1) & np.isfinite(readings[at]).any(axis=1)
+    return rows[once], at[once]
 
 
 def _readings(stream: Any) -> NDArray[np.float64]:

@@ -88,3 +88,8 @@ def test_criticism_uses_a_copied_recording_once():
     verdict = criticise([flight, replace(flight, name="again")])
     assert verdict.flights == (flight.name,)
     assert f"again: the same recording as {flight.name}; it was left out" in verdict.dropped
+
+
+def test_flights_without_readings_share_none():
+    empty = Flight("f", sonar=Sonar(np.zeros(0), np.zeros(0)))
+    assert shared_s(empty, empty) == 0.0
