@@ -163,18 +163,17 @@ def output_folder(target: str | Path, inputs: Sequence[Path] = ()) -> Iterator[P
             )
     _refuse_foreign(target, target)
     killed = was_killed(target)  # or it still runs, and is refused below
-    with atomic_folder(target, may_replace=lambda folder: _refuse_foreign(folder, target)) as folder:
-        if killed:
-            print(f"slam: {one_line(str(target))}: {_WAS_KILLED}", file=sys.stderr)
-        try:
-            yield folder
-        except InputError:
-            raise
-        except BaseException:
-            if kept_path(folder).exists():
-                print(f"slam: {one_line(str(target))}: {_IS_KEPT}", file=sys.stderr)
-            raise
-        _write_marker(folder)
+    built: Path | None = None
+    try:
+        with atomic_folder(target, may_replace=lambda folder: _refuse_foreign(folder, target)) as built:
+            if killed:
+                print(f"slam: {one_line(str(target))}: {_WAS_KILLED}", file=sys.stderr)
+            yield built
+            _write_marker(built)
+    except BaseException:
+        if built is not None and kept_path(built).exists():
+            print(f"slam: {one_line(str(target))}: {_IS_KEPT}", file=sys.stderr)
+        raise
 
 
 def is_output(folder: Path) -> bool:

@@ -107,18 +107,20 @@ def atomic_folder(path: Path | str, may_replace: Callable[[Path], None] | None =
     the old folder was moved aside; until then the old folder stays as it is. Raises ``InputError`` where the
     target is refused, cannot be written, or another run is writing there.
 
-    The file at `kept_path`, which the caller may write, stays where the block ends by any other exception.
+    The file at `kept_path`, which the caller may write, stays where the block ends by another exception, or
+    by a full disk. A refused input removes it, since the next run would end like this one.
     """
     target = Path(path)
     with _working_folder(target) as work:
         new, old = work / _NEW, work / _OLD
         check_free(target, may_replace)
-        try:
-            with _as_input_error(target, written=work):
+        with _as_input_error(target, written=work):
+            try:
                 yield new
-        except InputError:  # the next run would end like this
-            _drop_kept(work)
-            raise
+            except InputError as error:
+                if not _is_of_full_disk(error):
+                    _drop_kept(work)
+                raise
         with _as_input_error(target):
             _sync_tree(new)
             if target.exists() and any(target.iterdir()):
@@ -249,6 +251,11 @@ def _remove(work: Path, target: Path) -> None:
         if os.listdir(work) == [_MARKER]:
             (work / _MARKER).unlink()
             work.rmdir()
+
+
+def _is_of_full_disk(error: InputError) -> bool:
+    cause = error.__context__
+    return isinstance(cause, OSError) and cause.errno in DISK_FULL
 
 
 def _drop_kept(work: Path) -> None:

@@ -6,13 +6,13 @@ A kill in the middle leaves all results before it, and a damaged result is not u
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import struct
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
 from types import TracebackType
@@ -183,13 +183,13 @@ class CheckpointFile:
 
     def _give_up(self, error: OSError) -> None:
         """Keep nothing any more, and give the disk back."""
-        if error.errno == errno.ELOOP or self._file is None:
+        if self._file is None:
             self._say(f"no checkpoints: {self._path}: {explain(error)}")
         else:
             self._say(f"no checkpoints any more: {explain(error)}")
-            try:
-                os.ftruncate(self._file, 0)
-            finally:
+            with suppress(OSError):  # a disk that failed may refuse this too
+                self._path.unlink()
+            with suppress(OSError):
                 os.close(self._file)
         self._file = None
         self._at.clear()

@@ -278,10 +278,39 @@ def test_an_interrupted_run_says_that_its_results_are_kept(target, capsys, error
     assert os.listdir(target.parent) == ["out"]
 
 
-def test_a_refused_input_keeps_nothing(target):
+def test_a_refused_input_keeps_nothing(target, capsys):
     with pytest.raises(InputError):
         keeping(target, InputError("refused"))
     assert not target.parent.exists() or os.listdir(target.parent) == []
+    assert capsys.readouterr().err == ""
+
+
+def full_disk(is_told: bool) -> Exception:
+    """What a writer raises, itself or in one line."""
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    if not is_told:
+        return full
+    told = InputError("cannot be written")
+    told.__context__ = full
+    return told
+
+
+@pytest.mark.parametrize("is_told", [False, True])
+def test_results_stay_where_a_full_disk_ends_the_run(target, capsys, is_told):
+    """Once some space is free, the same command has only the outputs left to write."""
+    with pytest.raises(InputError):
+        keeping(target, full_disk(is_told))
+    assert kept(target).read_text() == "results"
+    assert "goes on with it" in capsys.readouterr().err
+
+
+def test_another_run_is_not_told_that_its_results_are_kept(target, capsys):
+    with output_folder(target) as folder:
+        kept_path(folder).write_text("results")
+        (folder / "summary.json").write_text("{}")
+        with pytest.raises(InputError, match="another run"), output_folder(target):
+            pass
+    assert capsys.readouterr().err == ""
 
 
 KILLED_FILE = """

@@ -94,9 +94,22 @@ def test_a_full_disk_ends_the_checkpoints_alone(path, monkeypatch):
         file.keep("pair", KEYS[2], b"x")
         assert not file.are_kept
         assert file.recall("pair", KEYS[0]) is None
-    assert path.stat().st_size == 0, "its disk is given back"
+    assert not path.exists(), "its disk is given back, and nothing of it can be resumed"
     (line,) = said
     assert "full" in line
+
+
+def test_a_disk_that_refuses_everything_does_not_end_the_run(path, monkeypatch):
+    def refused(*given):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    said: list[str] = []
+    with CheckpointFile(path, RUN, say=said.append) as file:
+        for name in ("pwrite", "ftruncate", "unlink"):
+            monkeypatch.setattr(os, name, refused)
+        file.keep("pair", KEYS[0], b"x")
+        assert not file.are_kept
+    assert "fault" in said[0]
 
 
 def test_a_link_is_not_followed(path, tmp_path):
