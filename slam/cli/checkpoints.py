@@ -20,8 +20,11 @@ if TYPE_CHECKING:
     from slam.mapping.config import PipelineConfig
 
 _PACKAGES = ("slam", "frontend", "backend")
-_LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "gtsam", "numba", "Pillow", "networkx")
-"""Distributions whose versions may change the bits of a result."""
+LIBRARIES = (
+    "numpy", "scipy", "opencv-contrib-python-headless", "gtsam", "numba", "llvmlite", "pillow", "networkx",
+    "rasterio", "rosbags",
+)  # fmt: skip
+"""Distributions whose versions may change the bits of a result, with those that decode pictures."""
 
 
 def checkpoints_beside(
@@ -46,7 +49,7 @@ def program_digest() -> bytes:
     for path in sorted(path for name in _PACKAGES for path in (root / name).rglob("*.py")):
         found.update(path.relative_to(root).as_posix().encode())
         found.update(path.read_bytes())
-    for library in _LIBRARIES:
+    for library in LIBRARIES:
         with suppress(PackageNotFoundError):
             found.update(f"{library} {version(library)}".encode())
     return found.digest()
