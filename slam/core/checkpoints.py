@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from collections.abc import Iterable
+from typing import Literal, Protocol, TypeVar
 
+from slam.core.packing import UnpackError, unpack
+
+Result = TypeVar("Result")
 Work = Literal["picture", "pair", "track", "refine", "mosaic"]
 """Kinds of work: a search for features, a comparison of two pictures, a stretch of tracking, a round of the
 refinement, and a job on the pictures of a mosaic."""
@@ -43,3 +47,18 @@ class NoCheckpoints:
 
 
 NO_CHECKPOINTS = NoCheckpoints()
+
+
+def recall_as(
+    kind: type[Result], checkpoints: Checkpoints, work: Work, key: bytes, parts: Iterable[type] = ()
+) -> Result | None:
+    """Return a result of one class that `slam.core.packing.pack` made bytes of; None where it is not known.
+
+    ``parts``: further classes that it may hold.
+    """
+    kept = checkpoints.recall(work, key)
+    try:
+        found = None if kept is None else unpack(kept, (kind, *parts))
+    except UnpackError:
+        return None
+    return found if isinstance(found, kind) else None

@@ -157,8 +157,8 @@ class FrontEnd:
             self._search(tracked)
             return self.observations(tracked)
         is_first = not self.is_masked and self.earlier.store is None
-        checkpoints, settings = self.checkpoints if is_first else NO_CHECKPOINTS, (self.camera, self.config)
-        kept = KeptTracking(checkpoints, self.flight, settings)
+        checkpoints = self.checkpoints if is_first else NO_CHECKPOINTS
+        kept = KeptTracking(checkpoints, self.flight, (self.camera, self.config))
         tracked, start = kept.resume(lambda: TrackedPictures(self.tracker()))
         if start is not None:  # not all is tracked
             images = read_ahead(self.flight, self.progress, start.frame)

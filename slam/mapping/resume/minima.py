@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from backend.bundle.known_minima import PlainMinimum, PlainValues
-from slam.core.checkpoints import Checkpoints
-from slam.core.packing import UnpackError, digest_of, pack, unpack
+from slam.core.checkpoints import Checkpoints, recall_as
+from slam.core.packing import digest_of, pack
 
 
 class KeptMinima:
@@ -17,14 +17,8 @@ class KeptMinima:
     def recall(self, made_of: object) -> PlainMinimum | None:
         """Return a minimum; None where it is not known."""
         key = self._key(made_of)
-        kept = self._checkpoints.recall("refine", key) if key else None
-        try:
-            found = None if kept is None else unpack(kept, (PlainMinimum, PlainValues))
-        except UnpackError:
-            return None
-        if not isinstance(found, PlainMinimum):
-            return None
-        if not self._is_told:
+        found = recall_as(PlainMinimum, self._checkpoints, "refine", key, (PlainValues,)) if key else None
+        if found is not None and not self._is_told:
             self._is_told = True
             self._checkpoints.say("resumed: rounds of the refinement are known")
         return found

@@ -9,13 +9,11 @@ from frontend.features import FeatureConfig, Features
 from frontend.photographs import SearchedPhotograph
 from frontend.points import Points
 from frontend.registration import Registration
-from slam.core.checkpoints import Checkpoints
+from slam.core.checkpoints import Checkpoints, recall_as
 from slam.core.flight import Frames, Image
-from slam.core.packing import UnpackError, digest_of, pack, unpack
+from slam.core.packing import digest_of, pack
 from slam.core.picture_content import content_key
 from slam.mapping.resume.registrations import KeptRegistrations
-
-_CLASSES = (SearchedPhotograph, Features, Points)
 
 
 class KeptPhotographs:
@@ -41,14 +39,9 @@ class KeptPhotographs:
         if key is None:
             return None
         self._keys[frame] = digest_of((self._settings, key, mask))
-        kept = self._checkpoints.recall("picture", self._keys[frame])
-        try:
-            found = None if kept is None else unpack(kept, _CLASSES)
-        except UnpackError:
-            return None
-        if not isinstance(found, SearchedPhotograph):
-            return None
-        self.recalled += 1
+        parts = Features, Points
+        found = recall_as(SearchedPhotograph, self._checkpoints, "picture", self._keys[frame], parts)
+        self.recalled += found is not None
         return found
 
     def keep(self, frame: int, found: SearchedPhotograph) -> None:

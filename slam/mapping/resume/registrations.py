@@ -10,11 +10,11 @@ from frontend.camera import Camera
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.registration import Registration
-from slam.core.checkpoints import Checkpoints
-from slam.core.packing import UnpackError, digest_of, pack, unpack
+from slam.core.checkpoints import Checkpoints, recall_as
+from slam.core.packing import digest_of, pack
 
-CLASSES = (Registration, Rejection, LinkCheck)
-"""Classes that a registration is made of."""
+PARTS = (Rejection, LinkCheck)
+"""Classes that a registration may hold."""
 
 
 class KeptRegistrations:
@@ -35,12 +35,8 @@ class KeptRegistrations:
         """
         if not self._checkpoints.are_kept:
             return None
-        kept = self._checkpoints.recall("pair", self._key(made_of))
-        try:
-            found = None if kept is None else unpack(kept, CLASSES)
-        except UnpackError:
-            return None
-        if not isinstance(found, Registration):
+        found = recall_as(Registration, self._checkpoints, "pair", self._key(made_of), PARTS)
+        if found is None:
             return None
         self.recalled += 1
         return replace(found, i=i, j=j)

@@ -18,11 +18,11 @@ from frontend.points import Points
 from frontend.registration import Registration
 from frontend.tracked import IntermediateFrame
 from frontend.tracking_state import Start, TrackedState, TrackingState
-from slam.core.checkpoints import Checkpoints
+from slam.core.checkpoints import Checkpoints, recall_as
 from slam.core.flight import STREAMS, Flight
-from slam.core.packing import UnpackError, digest_of, pack, unpack
+from slam.core.packing import digest_of, pack
 from slam.core.picture_content import content_key
-from slam.mapping.resume.registrations import CLASSES
+from slam.mapping.resume.registrations import PARTS
 from slam.mapping.tracked_pictures import TrackedPictures
 
 EVERY_S = 15.0
@@ -55,10 +55,11 @@ class Stretch:
     """None behind the last frame."""
 
 
-_CLASSES = (
-    Stretch, TrackingState, TrackedState, CornerTrack, Drift, DriftModel, Features, Points, IntermediateFrame,
-    *CLASSES,
+_PARTS = (
+    TrackingState, TrackedState, CornerTrack, Drift, DriftModel, Features, Points, IntermediateFrame,
+    Registration, *PARTS,
 )  # fmt: skip
+"""Classes that a stretch may hold."""
 
 
 @dataclass
@@ -130,19 +131,15 @@ class KeptTracking:
 
     def _next(self, key: bytes) -> Stretch | None:
         """Return the stretch behind what is restored, if its pictures are as they were."""
-        kept = self._checkpoints.recall("track", key)
-        try:
-            stretch = None if kept is None else unpack(kept, _CLASSES)
-        except UnpackError:
-            return None
-        if not isinstance(stretch, Stretch) or stretch.begin != self._done.frame:
+        stretch = recall_as(Stretch, self._checkpoints, "track", key, _PARTS)
+        if stretch is None or stretch.begin != self._done.frame:
             return None
         if stretch.end > len(self._frames) or stretch.pictures != self._content(
             stretch.begin, stretch.end, stretch.unreadable
         ):
             self._checkpoints.say(f"pictures behind number {stretch.begin} have changed: tracked again")
             return None
-        self._key = digest_of(kept)
+        self._key = digest_of(stretch)
         return stretch
 
     def _restore(self, stretch: Stretch, tracked: TrackedPictures) -> None:
@@ -179,9 +176,8 @@ class KeptTracking:
             passed=tuple(tracker.passed[done.passed :]), dropped=dropped, unreadable=unreadable,
             moving=tuple(sorted(tracker.moving - self._moving)), rejected=dict(tracker.rejected), state=state,
         )  # fmt: skip
-        kept = pack(stretch)
-        self._checkpoints.keep("track", self._key, kept)
-        self._key = digest_of(kept)
+        self._checkpoints.keep("track", self._key, pack(stretch))
+        self._key = digest_of(stretch)
         self._moving, self._done = {*tracker.moving}, _Done.of(tracked, frame)
         self._kept_s = time.monotonic()
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from frontend.mosaic.memory import NO_MOSAIC_MEMORY, StageMemory
 from frontend.mosaic.plan import MosaicPlan
 from frontend.surface.dense import DenseHeights
-from slam.core.checkpoints import Checkpoints
+from slam.core.checkpoints import Checkpoints, recall_as
 from slam.core.flight import Frames
-from slam.core.packing import UnpackError, digest_of, pack, unpack
+from slam.core.packing import digest_of, pack
 from slam.core.picture_content import content_key
 
 
@@ -39,11 +39,7 @@ class KeptJobs:
 
     def recall(self, stage: str, key: bytes) -> Any:
         """Return the result of a job; None where it is not known. The first of each stage is told."""
-        kept = self.checkpoints.recall("mosaic", key)
-        try:
-            found = None if kept is None else unpack(kept, (DenseHeights,))
-        except UnpackError:
-            return None
+        found = recall_as(object, self.checkpoints, "mosaic", key, (DenseHeights,))
         if found is not None and stage not in self._told:
             self._told.add(stage)
             self.checkpoints.say(f"resumed: parts of the mosaic's {stage} are known")
