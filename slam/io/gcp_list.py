@@ -178,8 +178,9 @@ def _in_flight(
     """
     camera = flight.camera
     known, unknown = [], []
+    elsewhere = _of_other_folders(path, rows, flight, names)
     for row in rows:
-        found = _picture(row.view.picture, names)
+        found = None if row.view.picture in elsewhere else _picture(row.view.picture, names)
         is_bare = _file(row.view.picture) == row.view.picture
         if is_bare and (found == "" or (found is None and _is_ambiguous(row.view.picture, names))):
             what = f"names {brief(row.view.picture, 60)!r}, of which there are several"
@@ -204,6 +205,34 @@ def _in_flight(
         f"are not used: {len(unknown)}, of {listed(missing)}; check the names"
     )
     return known, [note]
+
+
+def _of_other_folders(
+    path: Path, rows: list[_Row], flight: Flight, names: Mapping[str, str]
+) -> frozenset[str]:
+    """Return the pictures that have only their file name in common with one of the flight: the list has that
+    one too, with its folder. Raises ``InputError`` where no folder is known to be the flight's."""
+    of: dict[str, dict[str, tuple[str, ...]]] = {}
+    for row in rows:
+        if found := _picture(row.view.picture, names):
+            parts = PurePosixPath(row.view.picture.lower().replace("\\", "/")).parts
+            of.setdefault(found, {})[row.view.picture] = parts
+    others = set[str]()
+    for found, written in of.items():
+        folders = {picture: parts[-2] for picture, parts in written.items() if len(parts) > 1}
+        if len({*folders.values()}) < 2:
+            continue
+        own = {flight.name.lower(), *PurePosixPath(found.lower()).parts[:-1]}
+        strange = [
+            each
+            for each, folder in folders.items()
+            if folder not in own and folder + "_" not in found.lower()
+        ]
+        if len(strange) == len(folders):
+            what = f"names {brief(_file(found), 60)!r} in several folders, of which the flight has one"
+            raise refusal(path, what, "keep the lines of that folder")
+        others.update(strange)
+    return frozenset(others)
 
 
 def _by_ending(names: tuple[str, ...]) -> Mapping[str, str]:

@@ -259,6 +259,26 @@ def test_pictures_of_a_folder_that_is_not_mapped_are_left_out(tmp_path, names):
     assert "c/X.JPG" in note
 
 
+@pytest.mark.parametrize("name", ["X.JPG", "a/X.JPG", "a_X.JPG"])
+def test_pictures_of_one_name_in_other_folders_are_not_those_of_the_flight(tmp_path, name):
+    of = replace(flight(), name="a", frames=Frames(np.arange(1.0), (name,), lambda _: None))
+    rows = [f"465005.0 5249995.0 402.5 {k} 5 {each} here" for k, each in enumerate(("b/X.JPG", "a/X.JPG"))]
+    ((point,), (note,)) = read(tmp_path, [*UTM, *rows], of)
+    assert [view[1:] for view in point.views] == [(1.0, 5.0)]
+    assert "b/X.JPG" in note
+
+
+def test_a_picture_in_two_folders_that_may_both_be_the_flights_is_refused(tmp_path):
+    of = replace(flight(), frames=Frames(np.arange(1.0), ("X.JPG",), lambda _: None))
+    rows = [f"465005.0 5249995.0 402.5 4 5 {each}/X.JPG here" for each in "bc"]
+    assert "in several folders, of which the flight has one" in refused(tmp_path, [*UTM, *rows], of)
+    same = ["images/X.JPG", "/home/me/images/X.JPG", "X.JPG"]
+    rows = [f"465005.0 5249995.0 402.5 4 5 {each} {k}" for k, each in enumerate(same)]
+    points, notes = read(tmp_path, [*UTM, *rows], of)
+    assert len(points) == 3
+    assert not notes
+
+
 def test_photographs_of_one_name_are_told_apart_by_their_folder(tmp_path):
     """The names are those that a folder of photographs gives them."""
     files = {f"{folder}/P{k}.jpg": jpeg(seed=k) for k, folder in enumerate("ab")}
