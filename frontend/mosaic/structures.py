@@ -16,6 +16,7 @@ from frontend.mosaic.canvas import CELL_PX, SOFT_CELLS, MosaicGrid
 from frontend.mosaic.surface import Surface
 from frontend.mosaic.view import Lattice, MosaicView
 
+Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
@@ -68,7 +69,8 @@ def own_whole(
     remain, and so they do in cells beside it that the picture does not show. Owners are softened over
     ``SOFT_CELLS``: with as many cells beside it, its corners keep their owner too.
     """
-    sides = [np.sqrt(np.prod(view.bounds_m[2:] - view.bounds_m[:2])) for view in views]
+    bounds_m = np.array([view.bounds_m for view in views]).reshape(-1, 4)
+    sides = np.sqrt(np.prod(bounds_m[:, 2:] - bounds_m[:, :2], axis=1))
     # Half of a picture: a larger structure is rarely in one picture as a whole.
     label, boxes = structures(surface, canvas, float(np.median(sides)) / 2)
     owner, near = owner.copy(), np.ones((2 * SOFT_CELLS + 1,) * 2, np.uint8)
@@ -81,10 +83,8 @@ def own_whole(
         (rows, cols), (top, left) = own.shape, (CELL_PX * side.start for side in box)
         lattice = canvas.lattice(top, left, rows, cols, CELL_PX)
         best, best_weight = -1, np.zeros(own.shape, np.float32)
-        for index, view in enumerate(views):
-            if not _may_show(view, lattice):
-                continue
-            weight = weigh(view, lattice)
+        for index in np.flatnonzero(_may_show(bounds_m, lattice)).tolist():
+            weight = weigh(views[index], lattice)
             if (weight[own] > 0).all() and weight[own].sum() > best_weight[own].sum():
                 best, best_weight = index, weight
         if best >= 0:
@@ -104,9 +104,9 @@ def _over_plane(height_m: Float32) -> Float32:
     return out
 
 
-def _may_show(view: MosaicView, lattice: Lattice) -> bool:
-    """Return whether the ground in a picture may hold the middle of a lattice."""
+def _may_show(bounds_m: Array, lattice: Lattice) -> Mask:
+    """Return which pictures may show the middle of a lattice (n,), by the bounds of their ground (n, 4)."""
     x = lattice.x0_m + lattice.step_m * (lattice.cols - 1) / 2
     y = lattice.y0_m - lattice.step_m * (lattice.rows - 1) / 2
-    west, south, east, north = view.bounds_m
-    return bool(west <= x <= east and south <= y <= north)
+    west, south, east, north = bounds_m.T
+    return np.asarray((west <= x) & (x <= east) & (south <= y) & (y <= north))
