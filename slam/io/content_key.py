@@ -38,9 +38,13 @@ def file_key(path: Path) -> bytes | None:
 
 def source_key(paths: Iterable[Path]) -> bytes | None:
     """Return a digest of files, and of all files in folders; None where one cannot be read."""
-    files = [file for path in paths for file in (sorted(path.rglob("*")) if path.is_dir() else [path])]
-    keys = [file_key(file) for file in files if not file.is_dir()]
+    keys = [file_key(file) for path in paths for file in (_files(path) if path.is_dir() else [path])]
     return None if None in keys else digest_of(keys)
+
+
+def _files(folder: Path) -> list[Path]:
+    """Return the files in a folder: a pipe there would wait for its writer."""
+    return [path for path in sorted(folder.rglob("*")) if path.is_file()]
 
 
 def digest_with(key: bytes | None, *others: object) -> bytes | None:

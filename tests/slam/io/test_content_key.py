@@ -26,6 +26,15 @@ def test_a_file_is_known_by_its_content(tmp_path):
     assert file_key(tmp_path) is None
 
 
+def test_what_is_no_file_in_the_folder_of_a_recording_does_not_count(tmp_path):
+    (tmp_path / "bag").write_bytes(b"one")
+    known = source_key([tmp_path])
+    (tmp_path / "gone").symlink_to(tmp_path / "missing")
+    assert source_key([tmp_path]) == known
+    os.mkfifo(tmp_path / "pipe")
+    assert source_key([tmp_path]) == known
+
+
 def test_a_large_file_is_known_by_parts_and_its_time(tmp_path, monkeypatch):
     monkeypatch.setattr("slam.io.content_key._WHOLE_BYTES", 64)
     monkeypatch.setattr("slam.io.content_key._PART_BYTES", 8)
