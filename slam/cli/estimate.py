@@ -130,5 +130,5 @@ def figures(navigation: Navigation) -> FigureTable:
     if found.accuracy_basis:
         rows.append(("accuracy", found.accuracy_basis))
     rows.append(("time", f"{sum(found.timing_s.values()):.1f} s"))
-    rows += warning_rows(found.warnings)
+    rows += warning_rows(found.messages)
     return FigureTable(found.name, (), tuple(rows))

@@ -12,6 +12,7 @@ import numpy as np
 
 from backend.measurements import RelativePose
 from slam.core.estimate import Estimate, LoopVerdict
+from slam.core.messages import as_reason, joined
 from slam.core.progress import Progress
 
 if TYPE_CHECKING:
@@ -69,10 +70,9 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
     )
     estimate = _estimate(path.stem, graph, solution, timing_s)
     if not certificate.certified:
-        estimate = replace(estimate, warnings=(*estimate.warnings, certificate.sentence(solution.error)))
         doubt = _other_arrangement(solution) if np.isfinite(certificate.gap) else ""
-        if doubt:
-            estimate = replace(estimate, status="; ".join(filter("ok".__ne__, (estimate.status, doubt))))
+        said = (as_reason(doubt) if doubt else "", certificate.sentence(solution.error))
+        estimate = replace(estimate, messages=joined(*estimate.messages, *said))
     return replace(estimate, certificate=certificate), solved
 
 
@@ -141,7 +141,6 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
     stamps_s, stamp_warning = _stamps(graph)
     return Estimate(
         name=name,
-        status=solution.status,
         epoch_ns=0,
         stamps_s=stamps_s,
         frame_names=tuple(str(number) for number in graph.ids.tolist()),
@@ -166,11 +165,11 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
         frames=count,
         rejected=graph.dropped | {why: count for why, count in rejected.items() if count},
         timing_s=timing_s,
-        warnings=(
+        messages=joined(
+            *map(as_reason, solution.reasons),
             *graph.warnings,
             *stamp_warning,
             *solution.warnings,
-            *solution.contradictions,
             *solution.unobserved,
         ),
         graph_error=solution.error,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -204,7 +204,7 @@ def _joined(flights: list[Flight], wanted: _FlightOptions) -> Flight:
     flight, points = join_flights(flights), tuple[SurveyedPoint, ...]()
     if wanted.gcp is not None:
         points, notes = read_gcp_list(wanted.gcp, flight)
-        flight = replace(flight, warnings=(*flight.warnings, *notes))
+        flight = flight.with_warning(*notes)
     return with_surveyed(flight, points, wanted.check, wanted.gcp_std_m)
 
 

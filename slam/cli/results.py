@@ -16,7 +16,7 @@ from slam.core.estimate import Estimate, GroundFacts
 from slam.core.figure_table import FigureTable
 from slam.core.flight import Flight
 from slam.core.lost_pictures import REDUNDANT
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note, joined
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.core.summary import Summary, json_text, summarise
@@ -90,7 +90,7 @@ def write_results(
             ground=made.ground.facts if made else None,
         )
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
-        estimate = replace(estimate, timing_s=timing_s, warnings=(*estimate.warnings, *warning))
+        estimate = replace(estimate, timing_s=timing_s, messages=joined(*estimate.messages, *warning))
     tables = (*control_tables(estimate.control), *accuracy.tables)
     mosaics = replace(mosaics, elevation=heights)
     return write_summary_and_report(folder, estimate, flight, mosaics, replace(accuracy, tables=tables))
@@ -110,7 +110,7 @@ def _write_map_mcap(folder: Path, estimate: Estimate, flight: Flight, progress: 
         write(exported, folder / MAP_MCAP)
 
 
-def _write_in_system(folder: Path, estimate: Estimate, wanted: str | None) -> tuple[str, ...]:
+def _write_in_system(folder: Path, estimate: Estimate, wanted: str | None) -> tuple[Line, ...]:
     """Write the rasters in another coordinate system beside them, and return messages about them.
 
     ``wanted`` is `MosaicOptions.crs`. What the user did not ask for is left out silently where it cannot be.
@@ -132,7 +132,7 @@ def _write_in_system(folder: Path, estimate: Estimate, wanted: str | None) -> tu
         colours, *stretch, heights = write_rasters(estimate, folder, targets, system)
     except InputError as refusal:
         return (f"no rasters in another system: {refusal}",)
-    return (Note(f"{', '.join(names.values())}: {colours}; {heights}"), *stretch)
+    return (as_note(f"{', '.join(names.values())}: {colours}; {heights}"), *stretch)
 
 
 def write_solution(folder: Path, estimate: Estimate, graph: PoseGraph) -> None:
@@ -164,17 +164,17 @@ def write_summary_and_report(
     return Results(facts, summary, accuracy.tables, mosaic_facts(mosaics.after, mosaics.quality))
 
 
-def _ground_messages(ground: GroundFacts, metric: bool) -> list[str]:
+def _ground_messages(ground: GroundFacts, metric: bool) -> list[Line]:
     """Return the sentences about ground that is not flat, and about ground that pictures do not agree on."""
     return [*_relief_messages(ground, metric), *_unmatched_messages(ground, metric)]
 
 
-def _unmatched_messages(ground: GroundFacts, metric: bool) -> list[str]:
+def _unmatched_messages(ground: GroundFacts, metric: bool) -> list[Line]:
     if ground.unmatched_at_m is None:
         return []
     x, y = (f"{at:.1f}" for at in ground.unmatched_at_m)
     return [
-        Note(
+        as_note(
             f"mosaic: on {percent(ground.unmatched_share)} of the ground the pictures do not agree, the "
             f"largest piece around x = {x}, y = {y} {unit(metric)}: water, what moves or a surface without "
             "texture; nothing tells heights there"
@@ -182,7 +182,7 @@ def _unmatched_messages(ground: GroundFacts, metric: bool) -> list[str]:
     ]
 
 
-def _relief_messages(ground: GroundFacts, metric: bool) -> list[str]:
+def _relief_messages(ground: GroundFacts, metric: bool) -> list[Line]:
     if ground.relief_share == 0:
         return []
     before, after = ground.over_floor_px[-1], ground.misregistration_px[-1]
@@ -195,7 +195,7 @@ def _relief_messages(ground: GroundFacts, metric: bool) -> list[str]:
     trusted = percent(ground.trusted_share)
     untrusted = f"; trust those of {trusted} of all ground: {ground.untrusted}" if ground.untrusted else ""
     return [
-        Note(
+        as_note(
             f"mosaic: {percent(ground.relief_share)} of the ground is not flat: heights were "
             f"measured, from {length(ground.lowest_m, metric)} to {length(ground.highest_m, metric)} over "
             f"the floor{untrusted}; pictures of 95 % of the ground agree within {after:.2g} px, on a flat "
@@ -211,7 +211,7 @@ def _write_mosaics(
     options: MosaicOptions,
     progress: Progress,
     checkpoints: Checkpoints,
-) -> tuple[Mosaics, tuple[str, ...], MosaicFiles | None]:
+) -> tuple[Mosaics, tuple[Line, ...], MosaicFiles | None]:
     """Write the mosaics of the map and of the plain chain, and return warnings and what was made.
 
     A mosaic that cannot be drawn gives a warning.
@@ -235,21 +235,21 @@ def _write_mosaics(
     for name, reason in made.not_drawn.items():
         if reason != REDUNDANT:  # summary.json names these
             names.setdefault(reason, []).append(name)
-    notes = [
+    notes: list[Line] = [
         f"mosaic: {counted(len(of), 'keyframe')} left out: {why} ({listed(of)})" for why, of in names.items()
     ]
     if made.partly_drawn:
         of = [f"{name}: {what}" for name, what in made.partly_drawn.items()]
-        notes.append(Note(f"mosaic: {counted(len(of), 'keyframe')} drawn in part ({listed(of)})"))
+        notes.append(as_note(f"mosaic: {counted(len(of), 'keyframe')} drawn in part ({listed(of)})"))
     if made.note:
-        notes.append(Note(f"mosaic: {made.note}"))
+        notes.append(as_note(f"mosaic: {made.note}"))
     notes += _ground_messages(made.ground.facts, estimate.metric)
     if made.kept:
         kept = (
             f"mosaic: {made.kept} of its {made.tiles} tiles did not change, and were taken over from the "
             "earlier run in this folder"
         )
-        notes.append(Note(kept))
+        notes.append(as_note(kept))
     try:
         chain = chain_on_result(estimate)
         chain_picture = write_chain_picture(

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from backend.wording import counted
 from slam.core.errors import one_line
-from slam.core.messages import CHECKED_BY_ONE_DISTANCE, by_kind
+from slam.core.messages import CHECKED_BY_ONE_DISTANCE, Message, by_kind
 from slam.core.units import percent
 from slam.report.answers.left_out import counted_by_kind, left_out
 from slam.report.facts import Facts
@@ -112,7 +112,7 @@ def _outcome_rows(
         )
     if summary.error is not None and summary.certificate is not None:
         rows.insert(4, ("optimum", summary.certificate.sentence(summary.error)))
-    return [*rows, *_place_rows(facts, mosaic), *warning_rows(summary.warnings)]
+    return [*rows, *_place_rows(facts, mosaic), *warning_rows(summary.messages)]
 
 
 def _place_rows(facts: Facts, mosaic: MosaicFacts | None) -> list[tuple[str, str]]:
@@ -123,10 +123,10 @@ def _place_rows(facts: Facts, mosaic: MosaicFacts | None) -> list[tuple[str, str
     return [("mosaic.tif", f"{size}; {facts.plane}"), ("heights", facts.datum)]
 
 
-def warning_rows(warnings: Sequence[str]) -> list[tuple[str, str]]:
+def warning_rows(messages: Sequence[Message]) -> list[tuple[str, str]]:
     """Return the first messages with their kind, warnings first, and how many are left out."""
-    found = by_kind(warnings)
-    rows = [*(("warning", line) for line in found.warnings), *(("note", line) for line in found.notes)]
+    found = by_kind(messages)
+    rows = [*(("warning", m.text) for m in found.warnings), *(("note", m.text) for m in found.notes)]
     if (more := len(rows) - _MOST_WARNINGS) > 0:
         rows[_MOST_WARNINGS:] = [("", f"and {counted(more, 'more message')} in summary.json")]
     return rows

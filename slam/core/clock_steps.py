@@ -17,6 +17,7 @@ from backend.clocks.picture_clock import PictureClock, picture_clock
 from backend.measurements import InertialReadings
 from slam.core.flight import Flight
 from slam.core.instrument_readings import MAX_GAP_S, attitude_readings, inertial_readings
+from slam.core.messages import Message, about
 from slam.core.rotations import rotation_of
 from slam.core.units import with_error
 
@@ -45,11 +46,12 @@ def without_clock_steps(flight: Flight) -> Flight:
     return flight
 
 
-def step_warning(folder: str, gap: StampGap, other: str) -> str:
+def step_warning(folder: str, gap: StampGap, other: str) -> Message:
     """Describe a gap that was closed because the motion in ``other`` shows that no time was lost."""
-    return (
-        f"{folder}: its clock steps by {gap.lost_s:+.3f} s at {gap.last_s:.2f} s, as the motion in {other} "
-        "shows: no time was lost there, and its later stamps are corrected; check the recorder's clock"
+    return about(
+        folder,
+        f"its clock steps by {gap.lost_s:+.3f} s at {gap.last_s:.2f} s, as the motion in {other} "
+        "shows: no time was lost there, and its later stamps are corrected; check the recorder's clock",
     )
 
 

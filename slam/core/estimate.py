@@ -19,6 +19,7 @@ from slam.core.errors import InputError
 from slam.core.floor_points import FloorPoints
 from slam.core.geodesy import GeoOrigin
 from slam.core.instrument_errors import NOTHING_KNOWN, InstrumentErrors
+from slam.core.messages import Message, by_kind
 from slam.core.notebook import table_html, trajectory_svg
 from slam.core.units import length, percent, unit
 
@@ -134,8 +135,6 @@ class Estimate:
     """Optimized keyframe poses with covariances, the measurements behind them, and figures of quality."""
 
     name: str
-    status: str
-    """``ok``, or one sentence that says what is not observed or could not be placed."""
     epoch_ns: int
     stamps_s: Array
     """(n,) keyframe times, seconds since epoch_ns; the instruments' clock where the camera's is off."""
@@ -174,7 +173,7 @@ class Estimate:
     partly_drawn: dict[str, str] = field(default_factory=dict)
     """Name of each keyframe of which the mosaic lacks ground -> how much of it, and why."""
     timing_s: dict[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    messages: tuple[Message, ...] = ()
     graph_error: float = float("nan")
     """Half the sum of squared whitened residuals over all kept factors."""
     iterations: int = 0
@@ -233,6 +232,16 @@ class Estimate:
     folder: Path | None = field(default=None, compare=False)
     """Output folder that the estimate was read from; None where it was not read."""
 
+    @property
+    def status(self) -> str:
+        """``ok``, or the reasons why the map may be wrong, in one line."""
+        return by_kind(self.messages).status
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Texts of all messages."""
+        return tuple(map(str, self.messages))
+
     def __repr__(self) -> str:
         kept = sum(loop.verdict == "kept" for loop in self.loops)
         return (
@@ -249,7 +258,7 @@ class Estimate:
             ("keyframes", f"{len(positions)} of {len(self.stamps_s)} placed, from {self.frames} frames"),
             ("loops", f"{len(loops)} of {len(self.loops)} candidates kept"),
             ("path length", length(path_m, self.metric)),
-            ("warnings", str(len(self.warnings))),
+            ("warnings", str(len(self.messages))),
         ]
         ends = np.array(loops, dtype=np.int64).reshape(-1, 2)
         return table_html(f"Estimate {self.name}", rows) + trajectory_svg(self.w_T_b[:, :2, 3], ends)

@@ -20,6 +20,7 @@ from slam.core.control_points import SurveyedPoint
 from slam.core.fix_check import FixCheck, check_fixes
 from slam.core.geodesy import GeoOrigin
 from slam.core.instrument import Instrument
+from slam.core.messages import Kind, Line, Message, as_message
 from slam.core.notebook import table_html
 from slam.core.stream_source import StreamSource
 
@@ -254,7 +255,7 @@ class Flight:
     """Pairs of landmarks whose short distance a loop must close (in the figure eight: A-E)."""
     notes: dict[str, str] = field(default_factory=dict)
     """Vehicle, place, date, source, licence and notes of flight.yaml."""
-    warnings: tuple[str, ...] = ()
+    messages: tuple[Message, ...] = ()
     """One line for everything that was dropped, repaired or assumed when the flight was read."""
     all_keyframes: bool = False
     """Whether every picture is a keyframe, as in a set of photographs."""
@@ -272,11 +273,16 @@ class Flight:
         series = {stream.folder: getattr(self, name) for name, stream in STREAMS.items()}
         stamps = {folder: s.stamps_s for folder, s in series.items() if s is not None and len(s.stamps_s)}
         rows = [(folder, f"{len(s)} rows, {s[0]:.1f} to {s[-1]:.1f} s") for folder, s in stamps.items()]
-        return table_html(f"Flight {self.name}", [*rows, ("warnings", str(len(self.warnings)))])
+        return table_html(f"Flight {self.name}", [*rows, ("warnings", str(len(self.messages)))])
 
-    def with_warning(self, line: str) -> Flight:
-        """Return the flight with one more warning."""
-        return replace(self, warnings=(*self.warnings, line))
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Texts of all messages."""
+        return tuple(map(str, self.messages))
+
+    def with_warning(self, *lines: Line) -> Flight:
+        """Return the flight with more messages."""
+        return replace(self, messages=(*self.messages, *map(as_message, lines)))
 
     def restamped(self, fields: Iterable[str], stamps: Callable[[Array], Array]) -> Flight:
         """Return the flight with the stamps (n,) of some of its ``STREAMS`` changed by a function."""
@@ -296,9 +302,9 @@ class Flight:
         return "cam0/sensor.yaml"
 
     def reason_not_read(self, folder: str) -> str:
-        """Return the warning that says why an existing folder was not read; empty without one."""
-        lines = (line for line in self.warnings if line.startswith(f"{folder}: ") and "not recorded" in line)
-        return next(lines, "").split(";")[0]
+        """Return the finding that says why an existing folder was not read; empty without one."""
+        found = (m for m in self.messages if m.kind is Kind.UNREAD and m.about == folder)
+        return next((f"{folder}: {message.finding}" for message in found), "")
 
     def picture_names(self, stamps_s: Array) -> tuple[str, ...]:
         """Return a name for each time (n,): the photograph that was taken then, or else the time."""

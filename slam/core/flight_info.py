@@ -12,7 +12,7 @@ from slam.core.errors import NO_CAMERA
 from slam.core.fix_check import MAX_SPEED_M_S
 from slam.core.flight import STREAMS, AttitudeSeries, Flight
 from slam.core.imu_at_rest import imu_anomalies
-from slam.core.messages import Note, same_kind
+from slam.core.messages import Line, Message, about, as_note, of_flight
 from slam.core.names import listed
 from slam.core.repeated_readings import repeated_readings
 from slam.core.stream_anomalies import (
@@ -89,12 +89,7 @@ class FlightInfo:
 
 def describe(flight: Flight) -> FlightInfo:
     """Describe streams, gaps, missing streams and anomalies. Reads no picture."""
-    streams = []
-    for field, stream in STREAMS.items():
-        series = getattr(flight, field)
-        if series is not None and len(series.stamps_s):
-            values = getattr(series, _MAY_MISS[field]) if field in _MAY_MISS else None
-            streams.append(_stream(stream.folder, series.stamps_s, values))
+    streams = _streams(flight)
     start = min((s.start_s for s in streams), default=0.0)
     end = max((s.end_s for s in streams), default=0.0)
     return FlightInfo(
@@ -103,11 +98,21 @@ def describe(flight: Flight) -> FlightInfo:
         duration_s=end - start,
         streams=tuple(streams),
         landmarks=len(flight.landmarks),
-        missing=tuple(_missing(flight)),
-        anomalies=tuple(_anomalies(flight, streams)),
+        missing=tuple(map(str, _missing(flight))),
+        anomalies=tuple(map(str, anomalies(flight))),
         warnings=flight.warnings,
         sources=flight.sources,
     )
+
+
+def _streams(flight: Flight) -> list[StreamInfo]:
+    streams = []
+    for field, stream in STREAMS.items():
+        series = getattr(flight, field)
+        if series is not None and len(series.stamps_s):
+            values = getattr(series, _MAY_MISS[field]) if field in _MAY_MISS else None
+            streams.append(_stream(stream.folder, series.stamps_s, values))
+    return streams
 
 
 def _stream(name: str, stamps_s: Array, values: Array | None) -> StreamInfo:
@@ -126,7 +131,7 @@ def _stream(name: str, stamps_s: Array, values: Array | None) -> StreamInfo:
     )
 
 
-def missing_for_map(flight: Flight) -> tuple[str, ...]:
+def missing_for_map(flight: Flight) -> tuple[Line, ...]:
     """Return the streams that were not recorded, and what the map does without them.
 
     The scale is not among them: it is reported with the map.
@@ -134,10 +139,8 @@ def missing_for_map(flight: Flight) -> tuple[str, ...]:
     if flight.all_keyframes:
         return ()  # photographs: the import has reported the assumptions
     if flight.parts:
-        return tuple(
-            same_kind(line, f"{part.name}: {line}") for part in flight.parts for line in missing_for_map(part)
-        )
-    lines = []
+        return tuple(of_flight(part.name, line) for part in flight.parts for line in missing_for_map(part))
+    lines: list[Line] = []
     if flight.attitude is None:
         lines.append(
             "no attitude: tilt is not measured, the camera is assumed to look straight down, and a "
@@ -145,7 +148,7 @@ def missing_for_map(flight: Flight) -> tuple[str, ...]:
         )
     if flight.imu is None:
         lines.append(
-            Note(
+            as_note(
                 "no IMU: segments where pictures do not match cannot be bridged, and the map may fall into "
                 "parts; record imu0, or keep the floor in view"
             )
@@ -153,9 +156,9 @@ def missing_for_map(flight: Flight) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _missing(flight: Flight) -> list[str]:
+def _missing(flight: Flight) -> list[Line]:
     if flight.camera is None or flight.frames is None:
-        lines = [f"{flight.reason_not_read('cam0') or 'no camera'}: there is no map; {NO_CAMERA}"]
+        lines: list[Line] = [f"{flight.reason_not_read('cam0') or 'no camera'}: there is no map; {NO_CAMERA}"]
     else:
         lines = [*_missing_for_scale(flight), *missing_for_map(flight)]
     if flight.truth is None and flight.gps is None:
@@ -200,16 +203,17 @@ def _missing_for_scale(flight: Flight) -> list[str]:
     return [f"no sonar and no GPS: {source}", *on_earth]
 
 
-def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
+def anomalies(flight: Flight) -> list[Message]:
+    """Return what is odd about the streams of a flight."""
     if flight.parts:
-        return [
-            same_kind(line, f"{part.name}: {line}")
-            for part in flight.parts
-            for line in describe(part).anomalies
-        ]
+        return [of_flight(part.name, line) for part in flight.parts for line in anomalies(part)]
+    streams = _streams(flight)
     lines = [
-        f"{s.name}: {s.gaps} gap{'s' if s.gaps > 1 else ''}, the largest {s.largest_gap_s:.2f} s; it "
-        "measured nothing then: check the recorder"
+        about(
+            s.name,
+            f"{s.gaps} gap{'s' if s.gaps > 1 else ''}, the largest {s.largest_gap_s:.2f} s; it "
+            "measured nothing then: check the recorder",
+        )
         for s in streams
         if s.gaps and not flight.all_keyframes  # photographs hold their readings in their tags
     ]
@@ -227,13 +231,13 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     lines += fix_anomalies(flight)
     lines += repeated_readings(flight)
     lines += [
-        f"{name}: its noise is given as zero, which no sensor has; write its own into sensor.yaml"
+        about(name, "its noise is given as zero, which no sensor has; write its own into sensor.yaml")
         for name in _noiseless(flight)
     ]
     return lines
 
 
-def _not_overlapping(streams: list[StreamInfo]) -> list[str]:
+def _not_overlapping(streams: list[StreamInfo]) -> list[Message]:
     """Return streams that share little or no time with the pictures, or else with the longest stream."""
     if not streams:
         return []
@@ -245,40 +249,54 @@ def _not_overlapping(streams: list[StreamInfo]) -> list[str]:
         shared = min(s.end_s, reference.end_s) - max(s.start_s, reference.start_s)
         if shared < 0:
             lines.append(
-                f"{s.name}: does not overlap in time with {reference.name} ({-shared:.1f} s apart), so "
-                f"nothing of it is used; write its stamps on the clock of {reference.name}"
+                about(
+                    s.name,
+                    f"does not overlap in time with {reference.name} ({-shared:.1f} s apart), so "
+                    f"nothing of it is used; write its stamps on the clock of {reference.name}",
+                )
             )
         elif shared < 0.5 * reference.duration_s:
             part = 100 * shared / reference.duration_s
             lines.append(
-                f"{s.name}: covers only {part:.0f} % of the time of {reference.name}; the rest is mapped "
-                "without it: check whether its recording is complete"
+                about(
+                    s.name,
+                    f"covers only {part:.0f} % of the time of {reference.name}; the rest is mapped "
+                    "without it: check whether its recording is complete",
+                )
             )
     return lines
 
 
-def _attitude_anomalies(attitude: AttitudeSeries, of_photographs: bool) -> list[str]:
+def _attitude_anomalies(attitude: AttitudeSeries, of_photographs: bool) -> list[Message]:
     """Return what is odd about angles. Those of photographs are judged at import, by what each shows."""
     lines = []
     for axis, name in enumerate(("roll", "pitch", "yaw")):
         angle = attitude.roll_pitch_yaw_rad[:, axis]
         angle = angle[np.isfinite(angle)]
         if not len(angle):
-            lines.append(f"attitude0: {name} was not recorded and is left open; record it for a better map")
+            lines.append(
+                about("attitude0", f"{name} was not recorded and is left open; record it for a better map")
+            )
         elif (far := float(np.abs(angle).max())) > math.pi + 1e-3:
             lines.append(
-                f"attitude0: {name} is unwrapped: it goes beyond ±pi, up to {far:.1f} rad; check that "
-                "it is in radians"
+                about(
+                    "attitude0",
+                    f"{name} is unwrapped: it goes beyond ±pi, up to {far:.1f} rad; check that "
+                    "it is in radians",
+                )
             )
         elif name != "yaw" and far > 1.0 and not of_photographs:
             lines.append(
-                f"attitude0: {name} reaches {math.degrees(far):.0f} deg, where pictures do not show the "
-                "ground below; check its unit and axes"
+                about(
+                    "attitude0",
+                    f"{name} reaches {math.degrees(far):.0f} deg, where pictures do not show the "
+                    "ground below; check its unit and axes",
+                )
             )
     return lines
 
 
-def fix_anomalies(flight: Flight) -> list[str]:
+def fix_anomalies(flight: Flight) -> list[Message]:
     """Return the fixes that contradict the other fixes, by picture or time."""
     check = flight.fix_check()
     if check is None or flight.gps is None:
@@ -300,7 +318,9 @@ def fix_anomalies(flight: Flight) -> list[str]:
                 ],
                 MOST_LISTED_FIXES,
             )
-            lines.append(f"gps0: {len(which)} of {len(names)} fixes {verb} {why}: {fixes}; check them")
+            lines.append(
+                about("gps0", f"{len(which)} of {len(names)} fixes {verb} {why}: {fixes}; check them")
+            )
     return lines
 
 

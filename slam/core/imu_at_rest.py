@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Imu
-from slam.core.messages import Note
+from slam.core.messages import Message, about, as_note
 from slam.core.stream_anomalies import (
     LEAST_GRAVITY_M_S2,
     clipping_anomalies,
@@ -48,20 +48,21 @@ class GravityReading:
         return self.accel_m_s2 - GRAVITY_M_S2
 
     @property
-    def reads(self) -> str:
+    def reads(self) -> Message:
         """Return the reading in words."""
         where = "at rest" if self.at_rest else "on average"
-        return f"imu0: the accelerometer reads {self.accel_m_s2:.2f} m/s^2 {where}, gravity is 9.81"
+        return about("imu0", f"the accelerometer reads {self.accel_m_s2:.2f} m/s^2 {where}, gravity is 9.81")
 
     @property
-    def warning(self) -> str:
+    def warning(self) -> Message:
         """Return the line about it for a flight of which there is no map yet."""
         if self.is_missing:
-            return f"{self.reads}: {NO_GRAVITY}"
-        return f"{self.reads}: an offset, or a wrong scale, of which lengths are wrong too; calibrate it"
+            return replace(self.reads, text=f"{self.reads}: {NO_GRAVITY}")
+        cause = "an offset, or a wrong scale, of which lengths are wrong too; calibrate it"
+        return replace(self.reads, text=f"{self.reads}: {cause}")
 
 
-def imu_anomalies(imu: Imu) -> list[str]:
+def imu_anomalies(imu: Imu) -> list[Message]:
     """Return lines about readings at rest, or of the whole flight where it never rests."""
     gravity, rows = gravity_reading(imu), _rows_at_rest(imu)
     lines = [] if gravity is None else [gravity.warning]
@@ -69,9 +70,12 @@ def imu_anomalies(imu: Imu) -> list[str]:
     gyro = float(np.linalg.norm(np.median(imu.gyro_rad_s[rows], axis=0))) if len(rows) else 0.0
     if gyro > GYRO_OFF_RAD_S:
         lines.append(
-            Note(
-                f"imu0: the gyro reads {gyro:.3f} rad/s at rest; the map estimates this offset, and other "
-                "programs need it subtracted"
+            as_note(
+                about(
+                    "imu0",
+                    f"the gyro reads {gyro:.3f} rad/s at rest; the map estimates this offset, and other "
+                    "programs need it subtracted",
+                )
             )
         )
     return lines

@@ -33,7 +33,7 @@ from slam.core.flight import (
     with_unique_names,
 )
 from slam.core.height_systems import height_system_text
-from slam.core.messages import same_kind
+from slam.core.messages import as_message, of_flight
 from slam.core.names import listed
 from slam.core.picture_content import content_key
 
@@ -92,9 +92,9 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
         landmark_pairs=tuple(dict.fromkeys(pair for flight in parts for pair in flight.landmark_pairs)),
         surveyed=_surveyed(parts),
         gaps=tuple(dict.fromkeys(gap for flight in parts for gap in flight.gaps)),
-        warnings=(
-            *(same_kind(line, f"{flight.name}: {line}") for flight in parts for line in flight.warnings),
-            *warnings,
+        messages=(
+            *(of_flight(flight.name, message) for flight in parts for message in flight.messages),
+            *map(as_message, warnings),
         ),
         all_keyframes=parts[0].all_keyframes,
         parts=parts,

@@ -1,88 +1,176 @@
-"""Kinds of messages about a flight and its map, and their sentences.
-
-A message is a line of text. It is a `Note` where the program has done what is needed, and the accuracy and
-the extent of the map as stated hold with it: nobody has to act. Every other message is a warning: the map may
-be wrong or incomplete beyond what it states, or an instrument needs care, and the line says what to do. The
-kind is given where the message is made; whoever shows messages asks `is_note` only.
-"""
+"""Messages about a flight and its map: what was found, what it concerns, and whether somebody has to act."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import NamedTuple
 
 CHECKED_BY_ONE_DISTANCE = "Measure one distance on the ground to check the lengths."
 """End of a sentence about lengths that a single instrument tells."""
 
 
-class Note(str):
-    """A message that needs no action; see the module."""
+class Kind(StrEnum):
+    """How grave a message is: stated where it is made, and all that is asked where it is shown."""
 
-    __slots__ = ()
+    REASON = "reason"
+    """The map may be wrong beyond its covariances: the status names it."""
+    WARNING = "warning"
+    """The map may be incomplete, or an instrument needs care."""
+    UNREAD = "unread"
+    """A warning that a recorded stream could not be read, so that the flight is without it."""
+    NOTE = "note"
+    """Nobody has to act: the program has done what is needed, and accuracy and extent of the map as stated
+    hold with it."""
 
 
-class Sorted(NamedTuple):
+@dataclass(frozen=True)
+class Message:
+    """One line of text for a person."""
+
+    text: str
+    """Clauses that semicolons join. The first says what was found, with its causes after a colon, and the
+    last what to do."""
+    kind: Kind = Kind.WARNING
+    about: str = ""
+    """Name of the stream or file that it concerns, with which the finding begins; empty for the whole map."""
+
+    def __str__(self) -> str:
+        return self.text
+
+    @property
+    def clauses(self) -> list[str]:
+        """The clauses; a semicolon within brackets joins none."""
+        found, depth, begin = [], 0, 0
+        for k, character in enumerate(self.text):
+            depth += (character in "([{") - (character in ")]}")
+            if character == ";" and depth <= 0:
+                found.append(self.text[begin:k].strip())
+                begin = k + 1
+        found.append(self.text[begin:].strip())
+        return [clause for clause in found if clause]
+
+    @property
+    def sentences(self) -> str:
+        """The clauses as sentences for a page."""
+        first, *others = self.clauses or [""]
+        text = ". ".join([first.rstrip("."), *(_capital(other).rstrip(".") for other in others)])
+        return text if text.endswith(("?", "!", ":")) or not text else f"{text}."
+
+    @property
+    def finding(self) -> str:
+        """The first clause without the name of what it is about."""
+        first = next(iter(self.clauses), "")
+        return first.partition(self.about)[2].lstrip(": ") if self.about else first
+
+    @property
+    def verdict(self) -> str:
+        """The finding without its causes."""
+        return self.finding.split(": ")[0]
+
+    @property
+    def begins_with_colon(self) -> bool:
+        """Whether a colon stands between the name and the finding, which is then no sentence with it."""
+        return self.text.partition(self.about)[2].startswith(":")
+
+    @property
+    def next_step(self) -> str:
+        """The last clause, which says what to do; empty where the message is a finding alone."""
+        return self.clauses[-1].rstrip(".") if len(self.clauses) > 1 else ""
+
+
+Line = str | Message
+"""A message, or the text of a warning about nothing in particular; an empty text is no message."""
+
+
+def as_message(line: Line) -> Message:
+    """Return a line as a message."""
+    return line if isinstance(line, Message) else Message(line)
+
+
+def as_messages(*lines: Line) -> tuple[Message, ...]:
+    """Return lines as messages."""
+    return tuple(map(as_message, lines))
+
+
+def about(name: str, line: Line) -> Message:
+    """Return a message about a stream or file, with its name in front."""
+    return replace(as_message(line), text=f"{name}: {line}", about=name)
+
+
+def of_flight(name: str, line: Line) -> Message:
+    """Return a message of one of several flights, with its name in front."""
+    return replace(as_message(line), text=f"{name}: {line}")
+
+
+def extended(line: Line, *clauses: str) -> Message:
+    """Return a message with further clauses."""
+    return replace(as_message(line), text="; ".join((str(line), *clauses)))
+
+
+def as_note(line: Line) -> Message:
+    """Return a message as one that needs no action."""
+    return replace(as_message(line), kind=Kind.NOTE)
+
+
+def as_reason(line: Line) -> Message:
+    """Return a message as a reason for the status."""
+    return replace(as_message(line), kind=Kind.REASON)
+
+
+def as_unread(line: Line) -> Message:
+    """Return a message as one about a stream that could not be read."""
+    return replace(as_message(line), kind=Kind.UNREAD)
+
+
+def recorded(text: str, notes: Iterable[str]) -> Message:
+    """Return a message of which a file holds the text; ``notes`` are the texts of those that are notes.
+
+    A file of text keeps what a message is about only as its first word.
+    """
+    name = text.split(maxsplit=1)[0].rstrip(":,") if text.strip() else ""
+    return Message(text, Kind.NOTE if text in notes else Kind.WARNING, name)
+
+
+class ByKind(NamedTuple):
     """Messages by kind, each kind in their order."""
 
-    warnings: tuple[str, ...]
-    notes: tuple[str, ...]
+    reasons: tuple[Message, ...]
+    others: tuple[Message, ...]
+    """Warnings that the status does not name."""
+    notes: tuple[Message, ...]
+
+    @property
+    def warnings(self) -> tuple[Message, ...]:
+        """All that somebody has to act on."""
+        return self.reasons + self.others
+
+    @property
+    def status(self) -> str:
+        """``ok``, or the reasons in one line."""
+        return "; ".join(map(str, self.reasons)) or "ok"
 
 
-def is_note(line: str) -> bool:
-    """Return whether a message needs no action."""
-    return isinstance(line, Note)
+def by_kind(messages: Iterable[Message]) -> ByKind:
+    """Return reasons, other warnings and notes apart."""
+    messages = tuple(messages)
+    reasons = tuple(message for message in messages if message.kind is Kind.REASON)
+    notes = tuple(message for message in messages if message.kind is Kind.NOTE)
+    others = tuple(m for m in messages if m.kind in (Kind.WARNING, Kind.UNREAD))
+    return ByKind(reasons, others, notes)
 
 
-def same_kind(line: str, text: str) -> str:
-    """Return ``text``, a shortened or extended ``line``, as a message of the kind of ``line``."""
-    return Note(text) if is_note(line) else text
+def joined(*lines: Line) -> tuple[Message, ...]:
+    """Return the messages of a result by their kinds, each text once, of the kind that comes first.
 
-
-def by_kind(lines: Iterable[str]) -> Sorted:
-    """Return warnings and notes apart."""
-    lines = tuple(lines)
-    return Sorted(tuple(x for x in lines if not is_note(x)), tuple(x for x in lines if is_note(x)))
-
-
-def with_notes(lines: Iterable[str], notes: Iterable[str]) -> tuple[str, ...]:
-    """Return lines that were read from a file, with their kinds: ``notes`` are those that are notes."""
-    known = frozenset(map(str, notes))
-    return tuple(Note(line) if line in known else line for line in lines)
-
-
-def reasons_of(status: str, lines: Iterable[str]) -> tuple[str, ...]:
-    """Return the reasons that a status joins, each a line of ``lines`` too, in their order in the status.
-
-    A status whose reasons are not all among the lines is one reason; ``ok`` has none.
+    An empty line is left out.
     """
-    if status == "ok":
-        return ()
-    found = sorted((status.find(line), -len(line), line) for line in lines if line and line in status)
-    reasons, end = list[str](), 0
-    for begin, _, line in found:
-        if begin == end + (len("; ") if reasons else 0):
-            reasons.append(line)
-            end = begin + len(line)
-    return tuple(reasons) if end == len(status) else (status,)
-
-
-def clauses(line: str) -> list[str]:
-    """Return the clauses of a message, which semicolons join; one within brackets joins none."""
-    found, depth, begin = [], 0, 0
-    for k, character in enumerate(line):
-        depth += (character in "([{") - (character in ")]}")
-        if character == ";" and depth <= 0:
-            found.append(line[begin:k].strip())
-            begin = k + 1
-    found.append(line[begin:].strip())
-    return [clause for clause in found if clause]
-
-
-def sentences(line: str) -> str:
-    """Return a message, whose `clauses` are joined by semicolons, as sentences for a page."""
-    first, *others = clauses(line) or [""]
-    text = ". ".join([first.rstrip("."), *(_capital(other).rstrip(".") for other in others)])
-    return text if text.endswith(("?", "!", ":")) or not text else f"{text}."
+    once: dict[str, Message] = {}
+    for message in (as_message(line) for line in lines if line):
+        once.setdefault(message.text, message)
+    found = by_kind(once.values())
+    return found.warnings + found.notes
 
 
 def _capital(clause: str) -> str:

@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from slam.core.flight import STREAMS, Flight
+from slam.core.messages import Message, about
 
 Array = NDArray[np.float64]
 
@@ -61,13 +62,16 @@ def without_held_readings(flight: Flight) -> Flight:
         arrays = {f.name: getattr(series, f.name) for f in fields(series)}
         kept = {key: a[first] for key, a in arrays.items() if isinstance(a, np.ndarray) and len(a) == count}
         flight = replace(flight, **{name: replace(series, **kept)}).with_warning(
-            f"{STREAMS[name].folder}: {count - len(runs)} of {count} readings only repeat the one before, as "
-            "a logger writes that is faster than its sensor; the first of each is kept"
+            about(
+                STREAMS[name].folder,
+                f"{count - len(runs)} of {count} readings only repeat the one before, as "
+                "a logger writes that is faster than its sensor; the first of each is kept",
+            )
         )
     return flight
 
 
-def repeated_readings(flight: Flight) -> list[str]:
+def repeated_readings(flight: Flight) -> list[Message]:
     """Return a line for each stream in which a block of readings repeats an earlier one."""
     lines = []
     for name, columns in _FIELDS.items():
@@ -79,8 +83,11 @@ def repeated_readings(flight: Flight) -> list[str]:
             first, earlier, count = block
             at_s = series.stamps_s[[first, first + count - 1, earlier, earlier + count - 1]]
             lines.append(
-                f"{STREAMS[name].folder}: its readings from {at_s[0]:.1f} to {at_s[1]:.1f} s repeat exactly "
-                f"those from {at_s[2]:.1f} to {at_s[3]:.1f} s, which no sensor does: remove the copied rows"
+                about(
+                    STREAMS[name].folder,
+                    f"its readings from {at_s[0]:.1f} to {at_s[1]:.1f} s repeat exactly those "
+                    f"from {at_s[2]:.1f} to {at_s[3]:.1f} s, which no sensor does: remove the copied rows",
+                )
             )
     return lines
 

@@ -9,6 +9,7 @@ from scipy.special import bdtrc
 from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
 from slam.core.flight import Imu, Sonar, Velocity
+from slam.core.messages import Line, Message, about, as_message
 
 Array = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ _LEAST_CLIPPED, _FALSE_CLIPPING = 3, 1e-5
 are rounded to one value by chance, if larger readings are no more frequent than smaller ones."""
 
 
-def camera_anomalies(camera: Camera) -> list[str]:
+def camera_anomalies(camera: Camera) -> list[Message]:
     """Return a line for a principal point far from the middle, and for pixels that are not square.
 
     Both are signs of a calibration for another resolution or crop. Nothing in a flight at a fixed heading
@@ -58,7 +59,7 @@ def camera_anomalies(camera: Camera) -> list[str]:
     if max(fu / fv, fv / fu) > MOST_ASPECT:
         lines.append(f"its focal lengths {fu:.4g} and {fv:.4g} px make pixels that are not square")
     question = f"are intrinsics those of another resolution or crop than {size[0]} x {size[1]}?"
-    return [f"cam0: {line}: {question}" for line in lines]
+    return [about("cam0", f"{line}: {question}") for line in lines]
 
 
 def mean_specific_force_m_s2(stamps_s: Array, accel_m_s2: Array) -> float:
@@ -72,7 +73,7 @@ def mean_specific_force_m_s2(stamps_s: Array, accel_m_s2: Array) -> float:
     return float(np.median(np.linalg.norm(sums / count, axis=1)))
 
 
-def imu_axis_anomalies(imu: Imu) -> list[str]:
+def imu_axis_anomalies(imu: Imu) -> list[Message]:
     """Return a line if gravity does not lie along the body's z: the IMU's axes or its mount are wrong."""
     known = imu.accel_m_s2[np.isfinite(imu.accel_m_s2).all(axis=1)]
     # Without gravity, what is left has any direction.
@@ -81,10 +82,12 @@ def imu_axis_anomalies(imu: Imu) -> list[str]:
     b_force = imu.b_T_s[:3, :3] @ np.median(known, axis=0)
     up, size = float(b_force[2]), float(np.linalg.norm(b_force))
     if up < -0.5 * GRAVITY_M_S2:
-        return ["imu0: the accelerometer measures gravity upside down; check its signs and T_BS"]
+        return [about("imu0", "the accelerometer measures gravity upside down; check its signs and T_BS")]
     if up < 0.5 * min(size, GRAVITY_M_S2):
         lean_deg = np.degrees(np.arccos(up / size))
-        return [f"imu0: gravity lies {lean_deg:.0f} deg from the body's z; check the IMU's axes and T_BS"]
+        return [
+            about("imu0", f"gravity lies {lean_deg:.0f} deg from the body's z; check the IMU's axes and T_BS")
+        ]
     return []
 
 
@@ -121,7 +124,7 @@ def _largest_share(at_end: NDArray[np.bool_], values: Array) -> float:
     return float(np.max(at_end.sum(axis=0) / known, initial=0.0))
 
 
-def clipping_anomalies(imu: Imu) -> list[str]:
+def clipping_anomalies(imu: Imu) -> list[Message]:
     """Return a line for accelerometer and gyro each, if its readings are at the end of its range."""
     lines = []
     for name, values in (("accelerometer", imu.accel_m_s2), ("gyro", imu.gyro_rad_s)):
@@ -131,46 +134,64 @@ def clipping_anomalies(imu: Imu) -> list[str]:
             continue
         many = f"{100 * share:.0f} %" if share > SATURATED_SHARE else f"{count}"
         lines.append(
-            f"imu0: {many} of the readings of the {name} are at the end of its range; what was beyond is "
-            "lost: set a wider range"
+            about(
+                "imu0",
+                f"{many} of the readings of the {name} are at the end of its range; what was beyond is "
+                "lost: set a wider range",
+            )
         )
     return lines
 
 
-def sonar_anomalies(sonar: Sonar) -> list[str]:
+def sonar_anomalies(sonar: Sonar) -> list[Message]:
     """Return a line for each kind of range that no healthy sensor gives."""
     known = np.isfinite(sonar.range_m)
     if not known.any():
         return [
-            "sonar0: gives no range at all, so that it measures no lengths; check its limits (max_range), "
-            "its wiring and its unit"
+            about(
+                "sonar0",
+                "gives no range at all, so that it measures no lengths; check its limits (max_range), "
+                "its wiring and its unit",
+            )
         ]
     ranges = sonar.range_m[known]
     lines = []
     if negative := int((ranges <= 0).sum()):
         lines.append(
-            f"sonar0: {negative} ranges are zero or negative, which no distance is; leave readings without "
-            "an echo empty in data.csv"
+            about(
+                "sonar0",
+                f"{negative} ranges are zero or negative, which no distance is; leave readings without "
+                "an echo empty in data.csv",
+            )
         )
     limit_m = sonar.max_range_m if np.isfinite(sonar.max_range_m) else _value_without_echo(ranges)
     if (share := float(np.mean(ranges >= 0.999 * limit_m))) > SATURATED_SHARE:
         lines.append(
-            f"sonar0: {100 * share:.0f} % of the ranges are saturated at {limit_m:g} m: they "
-            "are no heights; fly lower, or correct max_range in sensor.yaml"
+            about(
+                "sonar0",
+                f"{100 * share:.0f} % of the ranges are saturated at {limit_m:g} m: they "
+                "are no heights; fly lower, or correct max_range in sensor.yaml",
+            )
         )
     if (share := float(np.mean((ranges > 0) & (ranges < sonar.min_range_m)))) > SATURATED_SHARE:
         lines.append(
-            f"sonar0: {100 * share:.0f} % of the ranges are below its {sonar.min_range_m:g} m: they are no "
-            "heights; fly higher, or correct min_range in sensor.yaml"
+            about(
+                "sonar0",
+                f"{100 * share:.0f} % of the ranges are below its {sonar.min_range_m:g} m: they are no "
+                "heights; fly higher, or correct min_range in sensor.yaml",
+            )
         )
     around = np.maximum(ranges[:-2], ranges[2:])
     if (share := float(np.mean(ranges[1:-1] > ECHO_RATIO * around)) if len(around) else 0.0) > ECHO_SHARE:
         lines.append(
-            f"sonar0: {100 * share:.0f} % of the ranges jump up for one reading (multipath echoes?): most "
-            "are left out of the map; fly lower, or check what reflects the sound"
+            about(
+                "sonar0",
+                f"{100 * share:.0f} % of the ranges jump up for one reading (multipath echoes?): most "
+                "are left out of the map; fly lower, or check what reflects the sound",
+            )
         )
     if line := stuck_ranges(sonar):
-        lines.append(line)
+        lines.append(as_message(line))
     return lines
 
 
@@ -187,7 +208,7 @@ def _value_without_echo(ranges: Array) -> float:
     return float(values[-1]) if is_jump else np.inf
 
 
-def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> str:
+def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> Line:
     """Return a line where ranges repeat exactly for long, and are this share of all at least; else empty."""
     known = np.isfinite(sonar.range_m)
     if not known.any():
@@ -196,10 +217,11 @@ def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> str:
     at, lasted_s, share = _longest_repeat(stamps_s, range_m[:, None])
     if lasted_s == 0 or share < least_share:
         return ""
-    return (
-        f"sonar0: reads exactly {range_m[at]:g} m for {lasted_s:.1f} s from {stamps_s[at]:.1f} s "
+    return about(
+        "sonar0",
+        f"reads exactly {range_m[at]:g} m for {lasted_s:.1f} s from {stamps_s[at]:.1f} s "
         "(stuck, or standing on the ground); if the vehicle flew then, heights and lengths of the map are "
-        "wrong: repair the sensor, or map without sonar0"
+        "wrong: repair the sensor, or map without sonar0",
     )
 
 
@@ -216,7 +238,7 @@ def _longest_repeat(stamps_s: Array, values: Array) -> tuple[int, float, float]:
     return int(first[longest]), float(lasted_s[longest]) if stuck else 0.0, share
 
 
-def velocity_anomalies(velocity: Velocity) -> list[str]:
+def velocity_anomalies(velocity: Velocity) -> list[Message]:
     """Return a line for a velocity that is stuck. It may be zero for as long: the vehicle stands then."""
     known = np.isfinite(velocity.v_m_s).all(axis=1) & (velocity.v_m_s != 0).any(axis=1)
     if not known.any():
@@ -226,6 +248,9 @@ def velocity_anomalies(velocity: Velocity) -> list[str]:
     if lasted_s == 0:
         return []
     return [
-        f"velocity0: reads exactly {v_m_s[at, 0]:g}, {v_m_s[at, 1]:g} m/s for {lasted_s:.1f} s from "
-        f"{stamps_s[at]:.1f} s (stuck?); if it flew at another speed then, leave velocity0 out"
+        about(
+            "velocity0",
+            f"reads exactly {v_m_s[at, 0]:g}, {v_m_s[at, 1]:g} m/s for {lasted_s:.1f} s from "
+            f"{stamps_s[at]:.1f} s (stuck?); if it flew at another speed then, leave velocity0 out",
+        )
     ]

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from slam.core.messages import by_kind
+from slam.core.messages import Message, by_kind
 
 if TYPE_CHECKING:
     from backend.pose_graph.certificate import Certificate
@@ -27,8 +27,6 @@ _RSS_UNITS_IN_MB = 1 << 20 if sys.platform == "darwin" else 1 << 10
 class Summary:
     """The figures of one optimization."""
 
-    status: str
-    """``ok``, or one sentence that says what is not observed or could not be placed."""
     frames: int
     """Number of pictures read, or of vertices of a pose graph."""
     keyframes: int
@@ -46,8 +44,7 @@ class Summary:
     """Number of surveyed points of the flight."""
     timing_s: dict[str, float] = field(default_factory=dict)
     peak_rss_mb: float = 0.0
-    warnings: tuple[str, ...] = ()
-    """Messages of both kinds, as `slam.core.messages` tells them apart."""
+    messages: tuple[Message, ...] = ()
     error: float | None = None
     """Half the sum of squared whitened residuals over all kept edges; for pose graphs only."""
     iterations: int | None = None
@@ -73,6 +70,11 @@ class Summary:
     certificate: Certificate | None = None
     """Whether the solution is the global optimum; of a flight, for its pairs of pictures alone."""
 
+    @property
+    def status(self) -> str:
+        """``ok``, or the reasons why the map may be wrong, in one line."""
+        return by_kind(self.messages).status
+
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``summary.json``."""
         record: dict[str, Any] = {
@@ -87,8 +89,8 @@ class Summary:
             "landmarks": self.landmarks,
             "timing_s": {stage: round(seconds, 4) for stage, seconds in self.timing_s.items()},
             "peak_rss_mb": round(self.peak_rss_mb, 1),
-            "warnings": list(self.warnings),
-            "notes": list(by_kind(self.warnings).notes),
+            "warnings": list(map(str, self.messages)),
+            "notes": list(map(str, by_kind(self.messages).notes)),
         }
         of_pictures = {
             "not_placed": self.not_placed, "not_drawn": self.not_drawn, "partly_drawn": self.partly_drawn,
@@ -129,7 +131,6 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
     """Return the figures of an estimate, and the peak memory of this process until now."""
     kinds = [edge.kind for edge in estimate.relative_poses]
     return Summary(
-        status=estimate.status,
         frames=estimate.frames,
         keyframes=len(estimate.stamps_s),
         odometry_edges=kinds.count("odometry"),
@@ -141,7 +142,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         landmarks=landmarks,
         timing_s={stage: float(seconds) for stage, seconds in estimate.timing_s.items()},
         peak_rss_mb=peak_rss_mb(),
-        warnings=estimate.warnings,
+        messages=estimate.messages,
         error=float(estimate.graph_error) if graph_alone else None,
         iterations=int(estimate.iterations) if graph_alone else None,
         scale_std=estimate.scale_std,

@@ -34,7 +34,7 @@ def with_surveyed(
     roles = tuple(replace(point, role="check") if point.name in held_out else point for point in every)
     if std_m is not None:
         roles = tuple(replace(point, std_m=std_m) for point in roles)
-    return replace(flight, surveyed=roles, warnings=(*flight.warnings, *faults_of(points)))
+    return replace(flight, surveyed=roles).with_warning(*faults_of(points))
 
 
 def faults_of(points: Sequence[SurveyedPoint]) -> tuple[str, ...]:

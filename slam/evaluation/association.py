@@ -123,7 +123,7 @@ def _refuse_other_pictures(estimate: Estimate, flight: Flight) -> None:
 
 def _no_reference(flight: Flight) -> str:
     streams = ("state_groundtruth_estimate0", "gps0")
-    dropped = [line for line in flight.warnings if line.startswith(streams)]
+    dropped = [message.text for message in flight.messages if message.about in streams]
     return one_line(
         f"{flight.name}: has neither truth nor GPS to compare with; "
         + ("; ".join(dropped) or f"add {' or '.join(streams)} to the flight")

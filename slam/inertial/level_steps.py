@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from backend.clocks.delay_residuals import turn_costs
 from backend.clocks.gap_steps import LONGEST_LAG_S
 from slam.core.flight import STREAMS, Flight
+from slam.core.messages import Line
 from slam.core.stream_anomalies import stuck_ranges
 from slam.inertial.imu_motion import (
     COMPARED,
@@ -44,16 +45,16 @@ _SURE = 3.0
 _UNIT_OF = {"velocity": "m/s", "sonar": "m"}
 
 
-def level_contradictions(flight: Flight, motion: ImuMotion) -> list[str]:
+def level_contradictions(flight: Flight, motion: ImuMotion) -> list[Line]:
     """Return a line for each stream whose level steps, or whose changes have another size, while the motion
     by its IMU shows otherwise."""
     streams = [name for name in COMPARED if getattr(flight, name) is not None]
-    lines = [line for name in streams for line in _lines(flight, name, motion)]
+    lines: list[Line] = [line for name in streams for line in _lines(flight, name, motion)]
     stuck = _stuck_in_flight(flight)
     return [*lines, stuck] if stuck else lines
 
 
-def _stuck_in_flight(flight: Flight) -> str:
+def _stuck_in_flight(flight: Flight) -> Line:
     """Describe ranges that repeat while the vehicle does not stand; empty where they do not."""
     sonar, rest_s = flight.sonar, still_times(flight)
     if sonar is None:

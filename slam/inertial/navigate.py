@@ -15,7 +15,8 @@ from backend.preintegration.integrals import integrate
 from slam.core.arguments import check_flight
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
-from slam.core.flight_info import describe
+from slam.core.flight_info import anomalies
+from slam.core.messages import as_reason, joined
 from slam.core.progress import Progress, show_compilation, silent
 from slam.core.repeated_readings import without_held_readings
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
@@ -82,7 +83,7 @@ def navigate(
     assert track.smoothed is not None
     covariances = track.smoothed.covariances if absolute else _since_first(track.smoothed)
     position_std = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
-    messages = [
+    reasons = [
         *_unobserved(inputs, float(position_std[-1])),
         *_lost_in_pauses(inputs, at_s, position_std),
         *_contradicted(inputs),
@@ -92,7 +93,6 @@ def navigate(
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(
         name=flight.name,
-        status="; ".join(messages) or "ok",
         epoch_ns=flight.epoch_ns,
         stamps_s=at_s,
         frame_names=tuple(str(stamp) for stamp in stamps_ns.tolist()),
@@ -110,10 +110,10 @@ def navigate(
         odometry_w_T_b=track.filtered.w_T_b,
         rejected=rejection_counts(track) | downweight_counts(track),
         timing_s=clock.seconds,
-        warnings=(
-            *flight.warnings,
-            *(line for line in describe(flight).anomalies if line not in messages),
-            *messages,
+        messages=joined(
+            *map(as_reason, reasons),
+            *flight.messages,
+            *anomalies(flight),
             *_identified_errors(inputs, track),
         ),
         trajectory_names=TRAJECTORY_NAMES,

@@ -13,6 +13,7 @@ from backend.measurements import LensModel
 from backend.wording import counted, either
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.flight import Frames
+from slam.core.messages import Line
 from slam.io.csv_stream import CsvTable
 from slam.io.files import brief, check_inside, refusal
 from slam.io.images import PictureFiles, UnreadableImageError, common_levels, image_size
@@ -33,7 +34,7 @@ SIZES_CHECKED = 32
 """Number of picture headers that are checked on reading. Every picture is checked again when it is loaded."""
 
 
-def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
+def camera_of(sensor: YamlFile, notes: list[Line]) -> Camera:
     """Return the camera. Raises ``InputError`` if the intrinsics are missing or invalid."""
     model = sensor.text("camera_model", "pinhole")
     if model != "pinhole":
@@ -149,7 +150,7 @@ def _valid_share(lens: LensModel, distortion: tuple[float, ...], corner: float) 
     return 1.0 if not len(decreasing) else min(1.0, float(distorted[decreasing[0]]) / corner)
 
 
-def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes: list[str]) -> Frames | None:
+def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes: list[Line]) -> Frames | None:
     """Return the pictures that ``data.csv`` lists, or None if it lists none. Raises ``InputError``."""
     folder = table.path.parent / "data"
     if not len(table.stamps_ns):
@@ -204,7 +205,7 @@ def _check_name(path: Path, name: str, table: Path, line: int, folder: Path, roo
     check_inside(path, root)
 
 
-def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[str]) -> None:
+def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[Line]) -> None:
     """Refuse ``resolution`` if no picture has it. Note pictures of another size, which are left out when
     loaded.
     """

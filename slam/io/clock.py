@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted
-from slam.core.messages import Note
+from slam.core.messages import Line, Message, about, as_note
 from slam.io.csv_stream import CsvTable
 
 JUMP_NS = 600 * 10**9
@@ -44,12 +44,12 @@ class _Jump:
 
 def sort_by_time(
     tables: dict[str, CsvTable], trust_clock: bool = False
-) -> tuple[dict[str, CsvTable], list[str]]:
+) -> tuple[dict[str, CsvTable], list[Line]]:
     """Return tables with strictly increasing stamps on one clock, and remarks on the repairs, one line each.
 
     ``trust_clock`` sorts only: long steps are then pauses, as between photographs.
     """
-    remarks: list[str] = []
+    remarks: list[Line] = []
     tables = {name: _without_twins(name, t, remarks) for name, t in tables.items()}
     if not trust_clock:
         jumps: dict[str, list[_Jump]] = {}
@@ -64,7 +64,7 @@ def sort_by_time(
     return {name: _sorted(name, table, remarks) for name, table in tables.items()}, remarks
 
 
-def _without_twins(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
+def _without_twins(name: str, table: CsvTable, remarks: list[Line]) -> CsvTable:
     """Drop rows that repeat another row's stamp and content."""
     if not len(table.stamps_ns) or len(np.unique(table.stamps_ns)) == len(table.stamps_ns):
         return table
@@ -76,7 +76,9 @@ def _without_twins(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
             seen.add(key)
             keep.append(k)
     if dropped := len(table.stamps_ns) - len(keep):
-        remarks.append(Note(f"{name}: {counted(dropped, 'repeated row')} dropped, one of each is kept"))
+        remarks.append(
+            as_note(about(name, f"{counted(dropped, 'repeated row')} dropped, one of each is kept"))
+        )
     rows = np.array(keep)
     return table.rows(rows, table.stamps_ns[rows])
 
@@ -146,7 +148,7 @@ def _rows_per_expected(ordered_ns: NDArray[np.int64], first: int, last: int, int
 
 
 def _find_jumps(
-    name: str, table: CsvTable, others_ns: NDArray[np.int64], remarks: list[str]
+    name: str, table: CsvTable, others_ns: NDArray[np.int64], remarks: list[Line]
 ) -> tuple[CsvTable, list[_Jump]]:
     """Find the jumps back of one stream, and those ahead that it undoes, and drop rows with isolated stamps.
 
@@ -160,9 +162,12 @@ def _find_jumps(
     rows = np.concatenate(kept)
     if dropped := len(table.stamps_ns) - len(rows):
         remarks.append(
-            f"{name}: {counted(dropped, 'row')} dropped whose stamps lie far from all others; correct the "
-            "stamps if "
-            "they belong to the flight"
+            about(
+                name,
+                f"{counted(dropped, 'row')} dropped whose stamps lie far from all others; correct the "
+                "stamps if "
+                "they belong to the flight",
+            )
         )
     stamps = table.stamps_ns[rows]
     interval, ordered = round(_interval_ns(stamps)), np.sort(stamps)
@@ -206,7 +211,7 @@ def _agree(tables: dict[str, CsvTable], jumps: dict[str, list[_Jump]]) -> None:
                 done.append((jump.ahead_ns, interval[name]))
 
 
-def _unjumped(name: str, table: CsvTable, jumps: list[_Jump], remarks: list[str]) -> CsvTable:
+def _unjumped(name: str, table: CsvTable, jumps: list[_Jump], remarks: list[Line]) -> CsvTable:
     if not jumps:
         return table
     stamps = table.stamps_ns.copy()
@@ -216,12 +221,13 @@ def _unjumped(name: str, table: CsvTable, jumps: list[_Jump], remarks: list[str]
     return table.rows(np.arange(len(stamps)), stamps)
 
 
-def _jump_remark(name: str, table: CsvTable, jump: _Jump) -> str:
+def _jump_remark(name: str, table: CsvTable, jump: _Jump) -> Message:
     way = "ahead" if jump.ahead_ns > 0 else "back"
-    return (
-        f"{name}: the clock jumps {way} by {abs(jump.ahead_ns) * 1e-9:.3f} s at {table.row_word} "
+    return about(
+        name,
+        f"the clock jumps {way} by {abs(jump.ahead_ns) * 1e-9:.3f} s at {table.row_word} "
         f"{table.lines[jump.row]}; later stamps were moved to continue, assuming that no time was "
-        "lost; if the recorder paused there, map the parts before and after as two flights"
+        "lost; if the recorder paused there, map the parts before and after as two flights",
     )
 
 
@@ -265,7 +271,7 @@ class _Silence:
         return found
 
 
-def _without_common_jumps(tables: dict[str, CsvTable], remarks: list[str]) -> dict[str, CsvTable]:
+def _without_common_jumps(tables: dict[str, CsvTable], remarks: list[Line]) -> dict[str, CsvTable]:
     """Remove the jumps ahead, in every stream that has rows after them.
 
     The amount is that of the stream that shows it best; none overlaps its own rows after it. A stream that
@@ -294,31 +300,35 @@ def _without_common_jumps(tables: dict[str, CsvTable], remarks: list[str]) -> di
     }
 
 
-def _pause_remark(tables: dict[str, CsvTable], silence: _Silence) -> str:
+def _pause_remark(tables: dict[str, CsvTable], silence: _Silence) -> Message:
     name = next(name for name, table in tables.items() if silence.next_ns in table.stamps_ns)
     row = int(np.argmax(tables[name].stamps_ns == silence.next_ns))
-    return (
-        f"{name}: no stream has rows for {(silence.next_ns - silence.last_ns) * 1e-9:.0f} s before "
+    return about(
+        name,
+        f"no stream has rows for {(silence.next_ns - silence.last_ns) * 1e-9:.0f} s before "
         f"{tables[name].row_word} {tables[name].lines[row]}; taken as time that passed, because "
         f"{silence.broken} is interrupted for longer than the others; if the clock was set there, correct "
-        "the stamps"
+        "the stamps",
     )
 
 
-def _sorted(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
+def _sorted(name: str, table: CsvTable, remarks: list[Line]) -> CsvTable:
     """Make stamps strictly increasing: sort the rows and keep the first of equal stamps."""
     stamps = table.stamps_ns
     late = int((np.diff(stamps) < 0).sum())
     if late:
-        remarks.append(f"{name}: rows out of order in {counted(late, 'place')}, sorted by their stamps")
+        remarks.append(about(name, f"rows out of order in {counted(late, 'place')}, sorted by their stamps"))
     order = np.argsort(stamps, kind="stable")
     first = np.ones(len(stamps), dtype=bool)
     first[1:] = np.diff(stamps[order]) > 0
     if not first.all():
         remarks.append(
-            f"{name}: {counted(int((~first).sum()), 'row')} with the stamp of another row dropped; check "
-            "the recorder "
-            "if they are many"
+            about(
+                name,
+                f"{counted(int((~first).sum()), 'row')} with the stamp of another row dropped; check "
+                "the recorder "
+                "if they are many",
+            )
         )
     if not late and first.all():
         return table

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted
 from slam.core.errors import InputError
+from slam.core.messages import Line
 from slam.io.csv_header import CsvColumn, column_indices, extra_columns, header_of, parse_header
 from slam.io.files import brief, read_bytes, refusal, refuse_other_content, without_zero_tail
 
@@ -48,7 +49,7 @@ class CsvTable:
     """(n,) second column as text, if requested instead of numbers; else empty."""
     lines: NDArray[np.int64]
     """(n,) line numbers in the file."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Line, ...] = ()
     """One line for each loss of data, without the name of the file."""
     truncated: bool = False
     """Whether the file ends as after a power loss of the recorder."""

@@ -45,7 +45,7 @@ from slam.core.errors import InputError
 from slam.core.estimate import MAP_TRAJECTORIES, Estimate, GroundFacts, LoopVerdict
 from slam.core.floor_points import FloorPoints
 from slam.core.geodesy import GeoOrigin
-from slam.core.messages import by_kind, with_notes
+from slam.core.messages import Kind, Message, as_reason, joined, recorded
 from slam.io.atomic import write_whole
 from slam.io.estimate_arrays import LATER, NO_POINTS, POINTS, unpacked
 from slam.io.estimate_text import loops_text, trajectory_text
@@ -129,7 +129,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "partly_drawn": estimate.partly_drawn,
         "timing_s": estimate.timing_s,
         "warnings": list(estimate.warnings),
-        "notes": list(by_kind(estimate.warnings).notes),
+        "messages": [asdict(message) for message in estimate.messages],
         "graph_error": float(estimate.graph_error),
         "iterations": int(estimate.iterations),
         "ways": list(estimate.trajectory_names),
@@ -181,7 +181,6 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
     )
     return Estimate(
         name=str(record["name"]),
-        status=str(record["status"]),
         epoch_ns=epoch_ns,
         stamps_s=(arrays["stamps"] - epoch_ns) / 1e9,
         frame_names=tuple(arrays["frame_names"].tolist()),
@@ -215,7 +214,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         not_drawn=dict(record.get("not_drawn", {})),
         partly_drawn=dict(record.get("partly_drawn", {})),
         timing_s=dict(record["timing_s"]),
-        warnings=with_notes(record["warnings"], record.get("notes", ())),
+        messages=_messages(record),
         graph_error=float(record["graph_error"]),
         iterations=int(record["iterations"]),
         trajectory_names=_trajectory_names(record),
@@ -225,6 +224,14 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         control=_control(record),
         floor_points=_points(arrays),
     )
+
+
+def _messages(record: dict[str, Any]) -> tuple[Message, ...]:
+    if "messages" in record:
+        return tuple(Message(str(m["text"]), Kind(m["kind"]), str(m["about"])) for m in record["messages"])
+    # Earlier versions wrote the status and the texts.
+    status = "" if record["status"] == "ok" else as_reason(str(record["status"]))
+    return joined(status, *(recorded(str(text), record.get("notes", ())) for text in record["warnings"]))
 
 
 def _points(arrays: dict[str, NDArray[Any]]) -> FloorPoints | None:

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.wording import counted
 from slam.core.flight import Flight, Truth
-from slam.core.messages import Note, same_kind
+from slam.core.messages import Line, about, as_message, as_note
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_numbers
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
@@ -59,28 +59,29 @@ def import_euroc(folder: str | Path) -> Flight:
             folder, f"is a {folder.suffix} file, not a folder", "unpack it first and name its folder"
         )
     root = folder.resolve().parent if folder.resolve().name == "mav0" else folder
-    flight, mav0 = read_flight(root), root / "mav0"
+    flight, mav0 = read_flight(root, ignored=_EUROC_ONLY), root / "mav0"
     camera = _camera_down(flight, mav0)
     if camera != "cam0":
-        flight = read_flight(root, camera)
+        flight = read_flight(root, camera, ignored=(*_EUROC_ONLY, "cam0"))
     present = [name for name in _EUROC_ONLY if (mav0 / name).exists()]
-    known = (*(f"{name}: " for name in _EUROC_ONLY), "cam0: not a stream")
-    remarks = [line for line in flight.warnings if not line.startswith(known)]
+    remarks: list[Line] = list(flight.messages)
     if camera != "cam0":
-        remarks.append(f"cam0: the pictures of {camera} are used, which looks down by its T_BS")
+        remarks.append(about("cam0", f"the pictures of {camera} are used, which looks down by its T_BS"))
     elif "cam1" in present:
-        remarks.append("cam1: the second camera is ignored: the map is made of cam0")
+        remarks.append(about("cam1", "the second camera is ignored: the map is made of cam0"))
     if flight.truth is None and "vicon0" in present:
         truth, notes = _vicon(mav0 / "vicon0", root, flight.epoch_ns)
         flight = replace(flight, truth=truth)
-        remarks += [same_kind(note, f"vicon0: {note}") for note in (Note("used as the ground truth"), *notes)]
+        remarks += notes
     if flight.truth is None and "leica0" in present:
         remarks.append(
-            "leica0: holds positions without attitude, which are no truth; ignored: record vicon0 too"
+            about(
+                "leica0", "holds positions without attitude, which are no truth; ignored: record vicon0 too"
+            )
         )
     flight, renamed = _to_forward_left_up(flight)
     remarks += renamed + _camera_direction_remarks(flight)
-    return replace(flight, warnings=tuple(remarks))
+    return replace(flight, messages=tuple(map(as_message, remarks)))
 
 
 def _camera_down(flight: Flight, mav0: Path) -> str:
@@ -97,16 +98,21 @@ def _camera_down(flight: Flight, mav0: Path) -> str:
     return "cam0"
 
 
-def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[str]]:
+def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[Line]]:
     """Return the poses of the body, transformed from the tracker's markers by ``T_BS``, and notes."""
     table: CsvTable = read_numbers(folder / "data.csv", root, COLUMNS["state_groundtruth_estimate0"][:7])
     ordered, notes = sort_by_time({"vicon0": table})
     table = ordered["vicon0"]
-    notes = [*table.notes, *(note.removeprefix("vicon0: ") for note in notes)]
+    notes = [
+        about("vicon0", as_note("used as the ground truth")),
+        *(about("vicon0", n) for n in table.notes),
+        *notes,
+    ]
     length = np.linalg.norm(table.values[:, 3:7], axis=1)
     complete = np.isfinite(table.values).all(axis=1) & (np.abs(length - 1) < 1e-2)
     if not complete.all():
-        notes.append(f"{counted(int((~complete).sum()), 'row')} without a complete pose dropped")
+        left_out = f"{counted(int((~complete).sum()), 'row')} without a complete pose dropped"
+        notes.append(about("vicon0", left_out))
     if not complete.any():
         return None, notes
     values = table.values[complete]
@@ -117,7 +123,7 @@ def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[
     return Truth((table.stamps_ns[complete] - epoch_ns) * 1e-9, w_T_s @ np.linalg.inv(b_T_s)), notes
 
 
-def _to_forward_left_up(flight: Flight) -> tuple[Flight, list[str]]:
+def _to_forward_left_up(flight: Flight) -> tuple[Flight, list[Line]]:
     """Return the flight with body axes renamed so that z is up, and a remark about it.
 
     Only quarter turns are used, so a mount angle of a few degrees keeps its calibrated value.
@@ -164,11 +170,11 @@ def _forward_in_body(flight: Flight) -> Array:
     return b_R_c[:, 2] - b_R_c[:, 1]
 
 
-def _camera_direction_remarks(flight: Flight) -> list[str]:
+def _camera_direction_remarks(flight: Flight) -> list[Line]:
     if flight.camera is None:
         return []
     tilt_deg = axis_tilt_deg(flight.camera.b_T_c[:3, 2])
-    return [f"cam0: {tilt_remark(tilt_deg)}"] if tilt_deg > MAX_TILT_DEG else []
+    return [about("cam0", tilt_remark(tilt_deg))] if tilt_deg > MAX_TILT_DEG else []
 
 
 def _axis(direction: Array) -> str:

@@ -6,13 +6,14 @@ in ``Flight.warnings``. Pictures stay on disk until they are requested.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from frontend.camera import Camera
 from slam.core.flight import Flight
-from slam.core.messages import same_kind, with_notes
+from slam.core.messages import Line, about, as_message, as_unread, recorded
 from slam.core.names import listed
 from slam.io.camera_folder import camera_of, frames_of
 from slam.io.clock import sort_by_time
@@ -42,18 +43,20 @@ class _Recording:
     metadata: YamlFile
     camera: str
     """Folder of the camera that is read as ``cam0``."""
+    ignored: Collection[str]
     tables: dict[str, CsvTable] = field(default_factory=dict)
     sensors: dict[str, YamlFile] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[Line] = field(default_factory=list)
 
-    def note(self, folder: str, notes: list[str] | tuple[str, ...]) -> None:
-        self.warnings += [same_kind(note, f"{folder}: {note}") for note in notes]
+    def note(self, folder: str, notes: Iterable[Line]) -> None:
+        self.warnings += [about(folder, note) for note in notes]
 
 
-def read_flight(path: Path | str, camera: str = "cam0") -> Flight:
+def read_flight(path: Path | str, camera: str = "cam0", ignored: Collection[str] = ()) -> Flight:
     """Read the flight in the folder ``path``.
 
-    ``camera`` is the folder whose pictures are read; a flight folder has ``cam0`` alone. Control points come
+    ``camera`` is the folder whose pictures are read; a flight folder has ``cam0`` alone. No message names the
+    folders that are ``ignored``. Control points come
     from ``gcp_list.txt``, if it is there (`slam.io.gcp_list`).
     The clock of the returned ``Flight`` starts at the smallest first stamp of all streams. Raises
     ``InputError``, with file and line, if a rule of the format is broken and the meaning of the data is
@@ -65,7 +68,7 @@ def read_flight(path: Path | str, camera: str = "cam0") -> Flight:
         if _exists(root / "flight.yaml")
         else YamlFile(root / "flight.yaml")
     )
-    recording = _Recording(root, metadata, camera)
+    recording = _Recording(root, metadata, camera, ignored)
     all_keyframes = _flag(metadata, "all_keyframes")
     recording.warnings += [*metadata.notes, *_assumptions(metadata)]
     _read_streams(recording)
@@ -79,7 +82,7 @@ def read_flight(path: Path | str, camera: str = "cam0") -> Flight:
     parts = _build(recording, epoch_ns)
     _note_truncation(recording, truncated)
     landmarks, notes = read_landmarks(root) if _exists(root / "landmarks.csv") else ({}, [])
-    recording.warnings += notes
+    recording.warnings += [recorded(note, ()) for note in notes]
     flight = Flight(
         name=brief(metadata.text("name", "") or root.resolve().name, 120),
         epoch_ns=epoch_ns,
@@ -87,7 +90,7 @@ def read_flight(path: Path | str, camera: str = "cam0") -> Flight:
         landmark_pairs=check_pairs(metadata, "landmark_pairs", landmarks),
         gaps=check_pairs(metadata, "gaps", landmarks),
         notes=_notes(recording),
-        warnings=tuple(recording.warnings),
+        messages=tuple(map(as_message, recording.warnings)),
         all_keyframes=all_keyframes,
         **parts,
     )
@@ -140,11 +143,9 @@ def _read_streams(recording: _Recording) -> None:
     for folder in folders:
         if folder.name in known:
             _read_stream(recording, folder)
-        else:
-            recording.warnings.append(
-                f"{brief(folder.name, 60)}: not a stream of the flight format, skipped; "
-                "docs/flight-format.md lists the streams"
-            )
+        elif folder.name not in recording.ignored:
+            line = "not a stream of the flight format, skipped; docs/flight-format.md lists the streams"
+            recording.note(brief(folder.name, 60), [line])
 
 
 def _read_stream(recording: _Recording, folder: Path) -> None:
@@ -165,7 +166,7 @@ def _read_stream(recording: _Recording, folder: Path) -> None:
     notes = list(table.notes)
     check_stamp_unit(table, sensor, notes)
     if not len(table.stamps_ns):
-        notes.append("data.csv has no rows; treated as not recorded; check that the sensor was on")
+        notes.append(as_unread("data.csv has no rows; treated as not recorded; check that the sensor was on"))
     recording.note(name, notes)
     recording.tables[name], recording.sensors[name] = table, sensor
 
@@ -174,7 +175,7 @@ def _build(recording: _Recording, epoch_ns: int) -> dict[str, Any]:
     """Return the fields of ``Flight`` built from the sorted tables."""
     parts = build_fields(recording.tables, recording.sensors, epoch_ns, recording.note)
     if (table := recording.tables.get("cam0")) is not None:
-        notes: list[str] = []
+        notes: list[Line] = []
         camera: Camera = camera_of(recording.sensors["cam0"], notes)
         parts["camera"] = camera
         parts["frames"] = frames_of(table, camera, epoch_ns, recording.root, notes)
@@ -200,10 +201,10 @@ def _flag(metadata: YamlFile, key: str) -> bool:
     return text in ("true", "yes")
 
 
-def _assumptions(metadata: YamlFile) -> list[str]:
+def _assumptions(metadata: YamlFile) -> list[Line]:
     """Return the notes about losses, repairs and assumptions from an earlier conversion of the flight."""
-    lines = with_notes(_lines(metadata, "assumed"), _lines(metadata, "no_action"))
-    return [same_kind(line, brief(line, 600)) for line in lines]
+    notes = _lines(metadata, "no_action")
+    return [replace(recorded(line, notes), text=brief(line, 600)) for line in _lines(metadata, "assumed")]
 
 
 def _lines(metadata: YamlFile, key: str) -> list[str]:
@@ -224,8 +225,6 @@ def _notes(recording: _Recording) -> dict[str, str]:
         if isinstance(value, str):
             notes[key] = value
         else:
-            recording.warnings.append(
-                f"flight.yaml: {brief(key, 40)} is not plain text, ignored; write one line"
-            )
+            recording.note("flight.yaml", [f"{brief(key, 40)} is not plain text, ignored; write one line"])
     recording.note("flight.yaml", recording.metadata.misspelt_keys((*_FLIGHT_KEYS, *_NOTE_KEYS)))
     return notes

@@ -81,9 +81,9 @@ def _metadata_text(flight: Flight) -> str:
             metadata[key] = [list(pair) for pair in pairs]
     if flight.all_keyframes:
         metadata["all_keyframes"] = True
-    if flight.warnings:
-        metadata["assumed"] = list(map(str, flight.warnings))
-    if notes := by_kind(flight.warnings).notes:
+    if flight.messages:
+        metadata["assumed"] = list(flight.warnings)
+    if notes := by_kind(flight.messages).notes:
         metadata["no_action"] = list(map(str, notes))
     # Without escapes, YAML would read these characters back as a blank.
     special_breaks = any(c in "".join(map(str, metadata.values())) for c in ("\x85", "\u2028", "\u2029"))

@@ -21,7 +21,7 @@ from slam.core.control_points import PictureView, Role, SurveyedPoint
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
-from slam.core.messages import Note
+from slam.core.messages import Line, Message, about, as_message, as_note
 from slam.core.names import listed
 from slam.core.surveyed_flight import faults_of
 from slam.io.files import brief, read_text, refusal
@@ -53,7 +53,7 @@ class _Row:
     is_check: bool
 
 
-def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...], list[str]]:
+def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...], list[Line]]:
     """Return the points of a file with views in the pictures of a flight, and notes on lines not used.
 
     Points whose coordinates contradict each other have a ``fault``. Raises ``InputError`` for a line that
@@ -97,10 +97,9 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     points = [
         replace(point, datum_std_m=float(np.nan_to_num(std_m)), height_system=heights) for point in points
     ]
-    notes = [*notes, *filter(None, [system.datum_note(std_m)])]
-    if system.unit_note and any(row.place[2] is not None for row in rows):
-        notes = [*notes, system.unit_note]
-    return _near_flight(path, points, flight, firsts, system), [*notes, *unknown]
+    unit = system.unit_note if any(row.place[2] is not None for row in rows) else ""
+    said = [line for line in (*notes, system.datum_note(std_m), unit) if line]
+    return _near_flight(path, points, flight, firsts, system), [*said, *unknown]
 
 
 def with_own_points(flight: Flight, folder: Path) -> Flight:
@@ -116,20 +115,26 @@ def with_own_points(flight: Flight, folder: Path) -> Flight:
             return flight
     flight = without_own_points(flight)  # lines that an import recorded about another list
     if flight.frames is None:
-        return flight.with_warning(Note(f"{path.name} is not used: the flight has no pictures"))
+        said = as_note(f"{path.name} is not used: the flight has no pictures")
+        return flight.with_warning(_named(path.name, said))
     try:
         points, notes = read_gcp_list(path, flight)
     except InputError as refused:
         reason = str(refused).removeprefix(f"{folder}/")
-        return flight.with_warning(f"{reason}; no control point is used")
-    faults = [f"{path.name}: {fault}" for fault in faults_of(points)]
-    return replace(flight, surveyed=points, warnings=(*flight.warnings, *notes, *faults))
+        return flight.with_warning(_named(path.name, f"{reason}; no control point is used"))
+    lines = [*(_named(path.name, line) for line in notes), *(about(path.name, f) for f in faults_of(points))]
+    return replace(flight, surveyed=points).with_warning(*lines)
+
+
+def _named(name: str, line: Line) -> Message:
+    """Return a message that begins with the name of a list as one about the list."""
+    return replace(as_message(line), about=name)
 
 
 def without_own_points(flight: Flight) -> Flight:
     """Return a flight as it is without a ``gcp_list.txt`` in its folder."""
-    others = tuple(line for line in flight.warnings if not line.startswith((FILE_NAME, LANDMARKS)))
-    return replace(flight, surveyed=(), warnings=others)
+    others = tuple(message for message in flight.messages if message.about not in (FILE_NAME, LANDMARKS))
+    return replace(flight, surveyed=(), messages=others)
 
 
 def _numbers(fields: list[str]) -> list[float] | None:
@@ -171,7 +176,7 @@ def _row(path: Path, line: int, text: str, pictures: Mapping[str, str], height_u
 
 def _in_flight(
     path: Path, rows: list[_Row], flight: Flight, names: Mapping[str, str]
-) -> tuple[list[_Row], list[str]]:
+) -> tuple[list[_Row], list[Line]]:
     """Return the rows of pictures of the flight, under its names of them, and a note about the others.
 
     ``names`` are those of `_by_ending`.

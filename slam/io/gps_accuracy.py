@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Gps
 from slam.core.geodesy import MAX_ALTITUDE_M, METRES_PER_DEGREE, metres_per_degree_east
+from slam.core.messages import Line
 
 Array = NDArray[np.float64]
 
@@ -24,7 +25,7 @@ in degrees."""
 
 
 def accuracy_in_metres(
-    noise_std: Sequence[float], latitude_deg: float, notes: list[str]
+    noise_std: Sequence[float], latitude_deg: float, notes: list[Line]
 ) -> tuple[float, float, float]:
     """Return the accuracy east, north, up in metres of ``noise_std``: along latitude, longitude, and up.
 

@@ -23,6 +23,7 @@ from PIL import Image as Pillow
 
 from frontend.picture_check import reduced_size
 from slam.core.flight import Image
+from slam.core.messages import Line
 from slam.io.content import content_name
 from slam.io.content_key import digest_with, file_key
 from slam.io.levels import Levels, Raw, levels_of, range_of
@@ -143,7 +144,7 @@ def _eight_bit(pixels: Raw, is_integer: bool, levels: Levels | None) -> Image:
     return levels.eight_bit(pixels)
 
 
-def common_levels(paths: Sequence[Path], notes: list[str]) -> Levels | None:
+def common_levels(paths: Sequence[Path], notes: list[Line]) -> Levels | None:
     """Return the levels for all pictures, from a sample of them, and add notes about them.
 
     The result is None if no picture of the sample has more than 8 bits. Unreadable pictures are ignored, as
@@ -158,7 +159,7 @@ def sample_of(count: int) -> list[int]:
     return [int(k) for k in np.unique(np.linspace(0, count - 1, _PICTURES_FOR_LEVELS).astype(int))]
 
 
-def levels_of_sample(pictures: Iterable[tuple[Raw, bool]], notes: list[str]) -> Levels | None:
+def levels_of_sample(pictures: Iterable[tuple[Raw, bool]], notes: list[Line]) -> Levels | None:
     """Return the levels for pictures like these, and add a note; None where none has more than 8 bits.
 
     Each comes with whether its values are integers.

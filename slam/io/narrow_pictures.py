@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from slam.core.flight import Flight, Image
+from slam.core.messages import about
 
 
 @dataclass(frozen=True)
@@ -45,5 +46,5 @@ def with_narrow_pictures(flight: Flight, width_px: int, why: str) -> Flight:
     load = NarrowPictures(frames.load, camera.size_px, narrow.size_px)
     before, after = (f"{c.size_px[0]} x {c.size_px[1]}" for c in (camera, narrow))
     return replace(flight, camera=narrow, frames=replace(frames, load=load)).with_warning(
-        f"cam0: pictures reduced from {before} to {after} pixels{why}"
+        about("cam0", f"pictures reduced from {before} to {after} pixels{why}")
     )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import AttitudeSeries, Imu
+from slam.core.messages import Line
 from slam.io.csv_stream import CsvTable
 from slam.io.files import refusal
 from slam.io.sensor_yaml import YamlFile
@@ -23,7 +24,7 @@ GYRO_LIMIT_RAD_S = 70.0
 _TIME_UNITS = {1e3: "microseconds", 1e6: "milliseconds", 1e9: "seconds"}
 
 
-def check_stamp_unit(table: CsvTable, sensor: YamlFile, notes: list[str]) -> None:
+def check_stamp_unit(table: CsvTable, sensor: YamlFile, notes: list[Line]) -> None:
     """Refuse stamps in another unit than nanoseconds. Note a rate far from ``rate_hz``.
 
     Raises ``InputError``.

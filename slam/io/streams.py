@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
 from slam.core.geodesy import MAX_ALTITUDE_M
 from slam.core.instrument import Instrument
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.io.assumed import assumed_keys
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
@@ -92,7 +92,7 @@ class Source:
     table: CsvTable
     sensor: YamlFile
     epoch_ns: int
-    notes: list[str]
+    notes: list[Line]
 
     @property
     def stamps_s(self) -> Array:
@@ -105,7 +105,7 @@ class Source:
         if rows.all():
             return self
         dropped = f"{int((~rows).sum())} of {len(self.table.stamps_ns)} rows dropped: {why}"
-        self.notes.append(Note(dropped))
+        self.notes.append(as_note(dropped))
         keep = np.flatnonzero(rows)
         return Source(
             self.table.rows(keep, self.table.stamps_ns[keep]), self.sensor, self.epoch_ns, self.notes
@@ -114,7 +114,7 @@ class Source:
     def set_missing(self, bad: NDArray[np.bool_], column: int, why: str) -> None:
         """Set values of one column to missing, and note their number and the reason."""
         if bad.any():
-            self.notes.append(Note(f"{int(bad.sum())} of {len(bad)} values treated as missing: {why}"))
+            self.notes.append(as_note(f"{int(bad.sum())} of {len(bad)} values treated as missing: {why}"))
             self.table.values[bad, column] = np.nan
 
     def row_error(self, row: int, what: str, do: str) -> Exception:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam.core.errors import InputError
 from slam.core.height_systems import UNKNOWN
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.io.datum_accuracy import datum_accuracy_m
 from slam.io.files import brief, refusal
 
@@ -103,7 +103,7 @@ class SurveySystem:
         """Return the accuracy of the transformation of the datum to WGS 84 at a place; NaN if not known."""
         return datum_accuracy_m(self.crs, longitude_deg, latitude_deg)
 
-    def datum_note(self, std_m: float) -> str:
+    def datum_note(self, std_m: float) -> Line:
         """Return a line about the accuracy of `datum_std_m`; empty for 0."""
         if std_m == 0:
             return ""
@@ -113,7 +113,7 @@ class SurveySystem:
             f"{brief(self.header, 60)!r} to WGS 84 by a transformation {good}: the map's place on Earth is "
             "no better, its coordinates in that system are"
         )
-        return f"{line}; compare it with a point known in WGS 84" if np.isnan(std_m) else Note(line)
+        return f"{line}; compare it with a point known in WGS 84" if np.isnan(std_m) else as_note(line)
 
     def geodetic(self, xy: Array) -> Array:
         """Return longitude and latitude (n, 2) in degrees of x, y (n, 2); NaN for what the system lacks.

@@ -22,6 +22,7 @@ from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight, Gps
 from slam.core.heap import trim_heap
 from slam.core.instrument_errors import InstrumentErrors
+from slam.core.messages import Line
 from slam.mapping.calibration.antenna import (
     antenna_height_note,
     antenna_m,
@@ -70,7 +71,7 @@ def _loop_verdicts(
 
 
 def build_estimate(
-    context: Context, map_: Map, shared: SystematicErrors | None, untested: Sequence[str]
+    context: Context, map_: Map, shared: SystematicErrors | None, untested: Sequence[Line]
 ) -> Estimate:
     """Collect poses, verdicts, counts and warnings of a finished map, with its `shared_errors`."""
     flight, setup = context.flight, context.setup
@@ -90,7 +91,6 @@ def build_estimate(
     )
     return Estimate(
         name=flight.name,
-        status=said.status,
         epoch_ns=flight.epoch_ns,
         stamps_s=observations.stamps_s,
         frame_names=tuple(flight.frames.names[k] for k in observations.frame_index),
@@ -110,7 +110,7 @@ def build_estimate(
         rejected=_rejected_counts(map_, loops),
         not_placed=not_placed,
         timing_s=context.timer.seconds,
-        warnings=said.warnings,
+        messages=said,
         control=map_.control,
         floor_slope_rad=map_.slope_rad,
         instruments=instruments,
@@ -181,7 +181,7 @@ def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:
     return chained, np.where(joined.component[:, None, None] == 0, joined.w_T_b, np.nan)
 
 
-def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, list[str], bool]:
+def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, list[Line], bool]:
     """Return the errors that all pictures or positions share, a line where they cannot be tested for, and
     whether a held lens is suspect without any."""
     if map_.bundle is None:

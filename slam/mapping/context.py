@@ -8,6 +8,7 @@ from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.flight import Flight, Gps
+from slam.core.messages import Line
 from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
 from slam.mapping.calibration.clock_offset import NO_CORRECTION
@@ -49,7 +50,7 @@ class Context:
     """Calibrations that an earlier map held and the pictures refuted: this map has them as variables."""
     still_held: str = ""
     """Why a refuted antenna's place is held all the same; empty where none is."""
-    doubted_lens: str = ""
+    doubted_lens: Line = ""
     """Warning about a lens that is refuted and held all the same; empty where none is."""
 
     @staticmethod
@@ -78,7 +79,7 @@ class Context:
         """The declared lens, where this map has an estimated one instead."""
         return next((refuted for refuted in self.refuted if refuted.what == "lens"), None)
 
-    def with_warning(self, line: str) -> Context:
+    def with_warning(self, line: Line) -> Context:
         """Return the context with one more warning for the user."""
         return replace(self, flight=self.flight.with_warning(line))
 

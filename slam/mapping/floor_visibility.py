@@ -10,6 +10,7 @@ import numpy as np
 from backend.wording import either
 from frontend.camera import Camera
 from slam.core.flight import Flight, Image
+from slam.core.messages import about
 from slam.core.rotations import rotation_of
 from slam.io.down_looking import LEAST_FALL
 from slam.mapping.keyframe_readings import attitudes_at
@@ -33,10 +34,11 @@ def without_horizon_frames(flight: Flight, camera: Camera) -> Flight:
     away = up @ camera.b_T_c[:3, 2] > -LEAST_FALL  # not where an angle is missing
     if not away.any():
         return flight
-    warning = (
-        f"attitude0: according to {away.sum()} of {len(away)} readings the camera looks at the horizon or "
+    warning = about(
+        "attitude0",
+        f"according to {away.sum()} of {len(away)} readings the camera looks at the horizon or "
         f"the sky; {either(away.sum(), 'it is', 'they are')} left out; check its angles, and T_BS in "
-        f"{flight.camera_file}"
+        f"{flight.camera_file}",
     )
     left = np.where(away[:, None], np.nan, angles)
     attitude = None if away.all() else replace(flight.attitude, roll_pitch_yaw_rad=left)

@@ -12,6 +12,7 @@ from backend.bundle.refinement import Bundle
 from backend.inertial_scale.scale import NoScale
 from backend.measurements import AlignedPair, FloorTracks, InertialReadings, ReportedMotion
 from slam.core.imu_at_rest import GravityReading
+from slam.core.messages import Line, Message
 from slam.core.names import enumerated
 from slam.core.progress import Progress
 from slam.mapping.calibration.fallback_scale import (
@@ -40,8 +41,8 @@ class RefinedPart:
     compared: InertialComparison | None
     reasons: tuple[str, ...]
     """Why barometer and velocity do not tell the scale."""
-    remarks: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    remarks: tuple[Line, ...] = ()
+    warnings: tuple[Line, ...] = ()
     velocity_left_out: bool = False
     """Whether the accelerometer contradicts the velocity, which tells no lengths then."""
 
@@ -109,8 +110,8 @@ class MetricRefinement:
             reasons += [no_scale_line("barometer0", reason)] if reason else []
         if falls_where_the_camera_climbs(bundle.optimum.problem.measurements.heights, bundle.w_T_b):
             without = self.of(setup.without_heights(), part, None if first.uses_barometer else first)
-            line = f"barometer0 is left out of the map: {WRONG_SIGN}"
-            return replace(without, remarks=(*without.remarks, line))
+            said = Message(f"barometer0 is left out of the map: {WRONG_SIGN}", about="barometer0")
+            return replace(without, remarks=(*without.remarks, said))
         return RefinedPart(bundle, compared, tuple(reasons), tuple(remarks))
 
     def _on_step(self, iteration: int, _: float) -> None:

@@ -20,7 +20,7 @@ from frontend.elevation import Elevation, elevation_map
 from frontend.masking import ObstacleMask
 from frontend.robust import robust_std
 from slam.core.flight import Flight, Image, Sonar
-from slam.core.messages import Note
+from slam.core.messages import Line, Message, about, as_note
 from slam.mapping.config import MaskingConfig
 
 Array = NDArray[np.float64]
@@ -210,7 +210,7 @@ class Obstacles:
     """Without the readings that hear obstacles: they are no heights over the floor."""
     masks: Masks
     """Mask of each frame by its number."""
-    warning: str
+    warning: Message
     """One line for the user."""
     w_p_m: Array
     """(m, 2) where the map that they were found in has each reading of the sonar."""
@@ -228,11 +228,12 @@ class Obstacles:
         return bool(np.percentile(off, 95) > 0.5 * self.radius_m)
 
     @property
-    def unusable_masks_warning(self) -> str:
+    def unusable_masks_warning(self) -> Message:
         """One line for the user, where there is no map without what shows them."""
-        return (
-            f"{self.warning.split(';')[0]}; hiding them from the matching would leave no "
-            "map, so nothing is hidden; what stands on the floor may bend the map: fly higher over it"
+        return about(
+            self.warning.about,
+            f"{self.warning.finding}; hiding them from the matching would leave no "
+            "map, so nothing is hidden; what stands on the floor may bend the map: fly higher over it",
         )
 
     def cleared(self, flight: Flight) -> Flight:
@@ -248,15 +249,16 @@ def cleared_echoes(recorded: Sonar | None, used: Sonar | None) -> dict[str, int]
     return {OBSTACLE_ECHO: cleared} if cleared else {}
 
 
-def range_contradiction(echoes: Echoes, config: MaskingConfig) -> str:
+def range_contradiction(echoes: Echoes, config: MaskingConfig) -> Line:
     """Return a line where the ranges contradict the map's heights or each other; empty where they do not."""
     standing, measured = echoes.standing(config), int(echoes.measured.sum())
     if standing.sum() > MOST_STANDING * measured:
-        return (
-            f"sonar0: {standing.sum()} of {measured} ranges {either(standing.sum(), 'does', 'do')} not fit "
+        return about(
+            "sonar0",
+            f"{standing.sum()} of {measured} ranges {either(standing.sum(), 'does', 'do')} not fit "
             "the map's heights over the floor, and "
             "lengths that rest on them may be as wrong; check the sensor, and the camera's shutter and "
-            "calibration"
+            "calibration",
         )
     if not standing.any():
         return ""
@@ -264,10 +266,11 @@ def range_contradiction(echoes: Echoes, config: MaskingConfig) -> str:
     # Otherwise they shift the mean of all ranges by less than the width of the floor's own peak.
     matters = share * standing.sum() > BANDWIDTH * measured
     if matters and echoes.changed_between_visits(config):
-        return (
-            f"sonar0: over the same ground the ranges of some visits are {100 * share:.0f} % shorter than "
+        return about(
+            "sonar0",
+            f"over the same ground the ranges of some visits are {100 * share:.0f} % shorter than "
             "those of others, and lengths that rest on them may be as wrong; if nothing moved there, check "
-            "the sensor, and whether the zoom of the camera changed"
+            "the sensor, and whether the zoom of the camera changed",
         )
     return ""
 
@@ -310,10 +313,13 @@ def find_obstacles(
         *(["they are not used as flying heights"] if config.echoes else []),
         *([_HIDDEN] if config.pixels else []),
     ]
-    warning = Note(
-        f"obstacles: {counted(standing.sum(), 'sonar echo comes', 'sonar echoes come')} from {gamma:.2f} to "
-        f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor, of {measured} that the map can judge"
-        f"{_not_judged(len(sonar.stamps_s) - measured)}; {', and '.join(done)}"
+    warning = as_note(
+        about(
+            "obstacles",
+            f"{counted(standing.sum(), 'sonar echo comes', 'sonar echoes come')} from {gamma:.2f} to "
+            f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor, of {measured} that the map can "
+            f"judge{_not_judged(len(sonar.stamps_s) - measured)}; {', and '.join(done)}",
+        )
     )
     cleared = replace(sonar, range_m=np.where(standing & config.echoes, np.nan, sonar.range_m))
     return Obstacles(

@@ -313,7 +313,7 @@ def _refuse_unless(joined: bool, flight: Flight, observations: Observations) -> 
         if usable > 1
         else f"{usable} of {frames} pictures usable"
     )
-    on_reading = next((line for line in flight.warnings if line.startswith("cam0:")), "nothing to compare")
+    on_reading = next((m.text for m in flight.messages if m.about == "cam0"), "nothing to compare")
     if frames == 1:
         on_reading = f"there is one alone; {on_reading}"
     raise InputError(

@@ -11,7 +11,7 @@ import numpy as np
 from backend.measurements import CONTRADICTED, Rejection
 from backend.wording import counted, either
 from slam.core.estimate import Estimate, LoopVerdict
-from slam.core.messages import by_kind, reasons_of, sentences
+from slam.core.messages import by_kind
 from slam.core.summary import Summary
 from slam.core.units import area, percent, unit
 from slam.core.version import VERSION
@@ -128,7 +128,7 @@ def render(
     result = accuracy.evaluated
     result = not_evaluated(flight, estimate.control) if result == NOT_EVALUATED else result
     left_out = (*left_out_here(estimate, facts, summary), *unused_instruments(estimate, flight))
-    reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
+    said = by_kind(summary.messages)
     page = render_page(
         "page.html.j2",
         name=estimate.name,
@@ -139,10 +139,10 @@ def render(
         surveyed=marks.points,
         sentence=sentence(facts, summary.status, ground),
         summary=summary,
-        reasons=tuple(map(sentences, reasons)),
-        warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),
-        notes=tuple(map(sentences, kinds.notes)),
-        ok_means=what_ok_means(summary.warnings, ground_is_missing(facts, summary)),
+        reasons=[message.sentences for message in said.reasons],
+        warnings=[message.sentences for message in said.others],
+        notes=[message.sentences for message in said.notes],
+        ok_means=what_ok_means(summary.messages, ground_is_missing(facts, summary)),
         limit=limit_sentence(estimate.information_shares, facts.metric, ground is not None),
         answers=pilots_answers(estimate, summary, facts, ground, left_out),
         place=PLACE,
@@ -252,7 +252,7 @@ _FLIGHT_ONLY = ("Keyframes, of pictures read", "Flight time")
 
 def _streams(summary: Summary) -> tuple[Item, ...]:
     """Return the streams that a message names, with their words."""
-    named = " ".join((summary.status, *summary.warnings))
+    named = " ".join(map(str, summary.messages))
     return tuple(Item(name, words) for name, words in STREAM_WORDS.items() if name in named)
 
 

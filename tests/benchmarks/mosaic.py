@@ -134,7 +134,6 @@ def run(scene: str, count: int) -> MosaicRun:
     unknown = np.full((count, 6, 6), np.nan)
     estimate = Estimate(
         name=scene,
-        status="ok",
         epoch_ns=0,
         stamps_s=stamps,
         frame_names=names,

@@ -106,7 +106,7 @@ def true_estimate(flight: Flight) -> Estimate:
     poses = poses_at(flight.truth, stamps_s)
     none = np.zeros((len(index), 6, 6))
     return Estimate(
-        name=flight.name, status="ok", epoch_ns=flight.epoch_ns, stamps_s=stamps_s,
+        name=flight.name, epoch_ns=flight.epoch_ns, stamps_s=stamps_s,
         frame_names=tuple(flight.frames.names[k] for k in index), frame_index=index, w_T_b=poses,
         covariances=none, over_floor_covariances=none, component=np.zeros(len(index), np.int64),
         camera=flight.camera, floor_z_m=0.0, origin=None, relative_poses=(), loops=(), chain_w_T_b=poses,

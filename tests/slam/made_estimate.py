@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from backend.measurements import LinkCheck, Rejection, RelativePose
 from backend.pose_graph.solution import RangeErrors
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight, Sonar
+from slam.core.messages import Message, as_reason, joined, recorded
 
 REJECTION = Rejection(LinkCheck.OTHER, "12 matches, 30 are needed")
 
@@ -31,7 +34,6 @@ def made_estimate(count: int = 60, name: str = "made eight", sigma_m: float = 0.
     edges += [_edge(w_T_b, i, j, "loop") for i, j, is_false in loops if not is_false]
     return Estimate(
         name=name,
-        status="ok",
         epoch_ns=1_000_000_000,
         stamps_s=np.arange(count) * 0.25,
         frame_names=tuple(f"{k:06d}.png" for k in range(count)),
@@ -52,7 +54,7 @@ def made_estimate(count: int = 60, name: str = "made eight", sigma_m: float = 0.
         frames=4 * count,
         rejected={"picture cannot be read": 2, "loop: too few matches": 1},
         timing_s={"track": 1.25, "solve": 0.5},
-        warnings=("2 pictures could not be read and were left out",),
+        messages=(Message("2 pictures could not be read and were left out"),),
         graph_error=12.5,
         iterations=7,
     )
@@ -70,3 +72,9 @@ def made_flight(with_sonar: bool = True) -> Flight:
 
 def _edge(w_T_b: np.ndarray, i: int, j: int, kind: str) -> RelativePose:
     return RelativePose(i, j, np.linalg.inv(w_T_b[i]) @ w_T_b[j], np.eye(6) * 1e-4, kind)
+
+
+def saying(estimate: Estimate, *warnings: str, reasons: tuple[str, ...] = ()) -> Estimate:
+    """Return an estimate with these warnings, about what their first words name, and reasons."""
+    named = (as_reason(recorded(text, ())) for text in reasons)
+    return replace(estimate, messages=joined(*named, *(recorded(text, ()) for text in warnings)))

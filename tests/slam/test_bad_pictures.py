@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from slam.core.messages import about, as_unread
 from slam.evaluation import evaluate
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown, only, seeing
@@ -109,10 +110,12 @@ def test_bad_pictures_are_counted_by_name_and_survived(spoil, reason, count):
 
 def test_a_camera_without_rows_and_one_picture_alone_are_reported_as_such():
     flight = flown(0)
-    told = flight.with_warning("cam0: data.csv has no rows; treated as not recorded")
+    told = flight.with_warning(about("cam0", as_unread("data.csv has no rows; treated as not recorded")))
     assert "cam0: data.csv has no rows, so no map" in refusal(replace(told, camera=None, frames=None))
     assert "no camera in this flight, so no map" in refusal(replace(flight, camera=None, frames=None))
-    alone = only(flight, [0]).with_warning("cam0: 47 files in data/ not listed in data.csv and ignored")
+    alone = only(flight, [0]).with_warning(
+        about("cam0", "47 files in data/ not listed in data.csv and ignored")
+    )
     assert "1 of 1 pictures usable (there is one alone; cam0: 47 files" in refusal(alone)
 
 

@@ -25,7 +25,7 @@ from slam.core.lens_priors import (
     TANGENTIAL_STD,
     UNKNOWN_FOCAL_STD_RATIO,
 )
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.io.photos.exif import PhotoTags
 from slam.io.photos.lens_tags import fitted_lens
 from slam.io.recordings.video.model_lens import film_focal
@@ -59,7 +59,7 @@ class _Focal:
     remark: str
 
 
-def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
+def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[Line, ...]]:
     """Return the camera of all ``photos`` (one model, one size), and the assumptions, one line each."""
     # The median limits the effect of a single damaged tag.
     focals = [_focal(tags) for tags in photos]
@@ -83,7 +83,7 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
     elif best == "lens":
         camera, distortion = _with_lens(camera, tags)
     line = f"focal length {median.px:.1f} px {median.remark}{distortion}"
-    return camera, (line if median.source == "assumed" or _UNDISTORT in distortion else Note(line),)
+    return camera, (line if median.source == "assumed" or _UNDISTORT in distortion else as_note(line),)
 
 
 def _focal(tags: PhotoTags) -> _Focal:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from slam.core.errors import InputError
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.io.files import brief, read_text, shown
 from slam.io.photos.camera import stored_over_original
 from slam.io.photos.exif import PhotoTags
@@ -40,12 +40,12 @@ _NO_MODEL = "unknown"
 
 def with_camera_models(
     photos: Sequence[Photo], folder: Path, beside: Sequence[Path]
-) -> tuple[list[Photo], list[Path], tuple[str, ...]]:
+) -> tuple[list[Photo], list[Path], tuple[Line, ...]]:
     """Return photographs with the lens of a file, the other files ``beside`` them, and lines about it.
 
     A calibration of the maker in the tags is preferred.
     """
-    photos, others, remarks = list(photos), list[Path](), list[str]()
+    photos, others, remarks = list(photos), list[Path](), list[Line]()
     for path in beside:
         if path.name not in NAMES:
             others.append(path)
@@ -57,7 +57,7 @@ def with_camera_models(
             remarks.append(f"{str(refused).removeprefix(f'{folder}/')}; its lenses are not used")
             continue
         if all(photo.tags.lens is not None or photo.tags.dewarp is not None for photo in photos):
-            remarks.append(Note(f"{name} is not used: the tags have a calibration of the lens"))
+            remarks.append(as_note(f"{name} is not used: the tags have a calibration of the lens"))
             continue
         tags = photos[0].tags
         lens = next((lens for key, camera in cameras if (lens := _lens(key, camera, tags, name))), None)

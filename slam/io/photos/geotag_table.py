@@ -19,7 +19,7 @@ from slam.core.errors import InputError
 from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east, position_fault
 from slam.core.height_systems import UNKNOWN
-from slam.core.messages import Note, is_note
+from slam.core.messages import Line, about, as_note
 from slam.core.names import listed
 from slam.io.files import brief, read_text, shown
 from slam.io.gcp_list import FILE_NAME
@@ -49,12 +49,12 @@ the ground and up [m]; NaN for what is not told."""
 
 def with_geotags(
     photos: Sequence[Photo], folder: Path, beside: Sequence[Path]
-) -> tuple[list[Photo], tuple[str, ...]]:
+) -> tuple[list[Photo], tuple[Line, ...]]:
     """Return photographs with the positions of the first table of them, and lines about the texts ``beside``.
 
     A photograph that the table does not name keeps the position of its tags.
     """
-    remarks: list[str] = []
+    remarks: list[Line] = []
     photos, unread, is_found = list(photos), [], False
     for path in beside:
         if path.name == FILE_NAME and path.parent == folder:
@@ -70,14 +70,14 @@ def with_geotags(
                 continue
             is_found = True
             photos, notes = _placed(photos, folder, name, geotags)
-            remarks += [*notes, *_named(name, faults)]
+            remarks += [*notes, *(about(name, fault) for fault in faults)]
         elif known & set(TIMES):
             remarks.append(f"{name} tells times of pictures and is not read here: give it itself, {path}")
         else:
             unread.append(name)
     if unread:
         remarks.append(
-            Note(
+            as_note(
                 f"{counted(len(unread), 'file')} beside the photographs {either(len(unread), 'is', 'are')} "
                 f"not read ({listed(unread)}): positions come from tags, or a table with the titles "
                 f"filename, latitude, longitude, altitude [m]; control points from {FILE_NAME}"
@@ -94,7 +94,7 @@ def _layout(path: Path, folder: Path) -> Layout | None:
         return None
 
 
-def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[str, ...]]:
+def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[Line, ...]]:
     """Return the positions of a table, and lines about its faults.
 
     Raises ``InputError`` for a unit that is not known.
@@ -110,9 +110,9 @@ def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[str, ...]]:
         name: numbers(layout, found[name], mark) if name in found else (none, [])
         for name in (*_PLACE, "altitude", "along", "up")
     }
-    faults = [line for _, lines in read.values() for line in lines]
+    faults: list[Line] = [line for _, lines in read.values() for line in lines]
     if unread:
-        faults.append(Note(f"columns that are not read: {listed(unread)}"))
+        faults.append(as_note(f"columns that are not read: {listed(unread)}"))
     geotags, refused = {}, []
     values = np.column_stack([column for column, _ in read.values()])
     for name, row in zip(text_of(layout, found["picture"]), values.tolist(), strict=True):
@@ -127,7 +127,7 @@ def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[str, ...]]:
 
 def _placed(
     photos: Sequence[Photo], folder: Path, name: str, geotags: _Geotags
-) -> tuple[list[Photo], list[str]]:
+) -> tuple[list[Photo], list[Line]]:
     """Return photographs with the positions of a table, and lines about it."""
     same = Counter(photo.path.name.casefold() for photo in photos)
     stems = Counter(map(_stem, photos))
@@ -149,7 +149,9 @@ def _placed(
             # Its own position is not as exact as the corrected ones.
             photo = _with(photo, std_m=Gps.noise_std_m)
         placed.append(photo)
-    remarks: list[str] = [Note(f"positions of {len(used)} of {len(photos)} photographs are those of {name}")]
+    remarks: list[Line] = [
+        as_note(f"positions of {len(used)} of {len(photos)} photographs are those of {name}")
+    ]
     if far:
         remarks.append(
             f"{name} puts {counted(len(far), 'photograph')} up to {max(far)[0] / 1e3:.0f} km from the places "
@@ -162,11 +164,6 @@ def _placed(
             f"{name} has positions of {counted(len(other), 'file')} that are none of them ({names})"
         )
     return placed, remarks
-
-
-def _named(name: str, faults: Sequence[str]) -> list[str]:
-    lines = [(fault, f"{name}: {fault}") for fault in faults]
-    return [Note(line) if is_note(fault) else line for fault, line in lines]
 
 
 def _stem(photo: Photo) -> str:

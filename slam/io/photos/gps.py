@@ -13,7 +13,7 @@ from backend.wording import counted, either
 from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.height_systems import UNKNOWN
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.core.names import listed
 from slam.io.gps_accuracy import median_and_each
 from slam.io.photos.photo_set import Photo
@@ -31,7 +31,7 @@ _NO_PLACE = (
 )
 
 
-def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tuple[str, ...]]:
+def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tuple[Line, ...]]:
     """Return the positions of photographs, in their order, at ``stamps_s`` (n,), and the remarks."""
     names = [photo.name for photo in photos]
     positions, remarks = _with_letters_of_others([photo.tags.position for photo in photos], names)
@@ -82,7 +82,7 @@ def _height_system(fixes: Sequence[PhotoPosition]) -> str:
     return systems.pop() if len(systems) == 1 else UNKNOWN
 
 
-def _altitudes(fixes: Sequence[PhotoPosition]) -> tuple[Array, list[str]]:
+def _altitudes(fixes: Sequence[PhotoPosition]) -> tuple[Array, list[Line]]:
     """Return the altitudes (n,), NaN where there is none, and a remark where some are missing."""
     altitude_m = _column(fixes, "altitude_m")
     # A receiver gives no two altitudes of exactly 0: programs write it where none is known.
@@ -103,7 +103,7 @@ def _altitudes(fixes: Sequence[PhotoPosition]) -> tuple[Array, list[str]]:
     ]
 
 
-def _places_differ(fixes: Sequence[PhotoPosition]) -> list[str]:
+def _places_differ(fixes: Sequence[PhotoPosition]) -> list[Line]:
     """Return a remark where Exif's places are not those of the maker's tags, which are used."""
     gaps = [(p.exif_gap_deg, p.latitude_deg or 0.0) for p in fixes if p.exif_gap_deg is not None]
     metres = [
@@ -135,7 +135,7 @@ def _column(fixes: Sequence[PhotoPosition], name: str) -> Array:
 
 def _accuracy(
     fixes: Sequence[PhotoPosition],
-) -> tuple[tuple[float, float, float], Array | None, list[str]]:
+) -> tuple[tuple[float, float, float], Array | None, list[Line]]:
     """Return the median standard deviations of the set, those of each fix (n, 3) if they differ much, and
     remarks."""
     stated = [p.std_m for p in fixes if p.std_m is not None]
@@ -145,7 +145,7 @@ def _accuracy(
             f"accuracy of the GPS assumed: {assumed}; if it is better, run slam import and correct "
             "noise_std in gps0/sensor.yaml"
         )
-        return Gps.noise_std_m, None, [Note(line), *_rtk_solutions(fixes)]
+        return Gps.noise_std_m, None, [as_note(line), *_rtk_solutions(fixes)]
     remarks = _rtk_solutions(fixes)
     typical = np.median(stated, axis=0)
     without = [p.std_m is None and p.rtk not in ("", _FIXED) for p in fixes]
@@ -155,10 +155,10 @@ def _accuracy(
         line = (
             f"{sum(without)} of {len(fixes)} GPS positions state no accuracy and have no fixed RTK solution"
         )
-        remarks.append(Note(f"{line}: {assumed}"))
+        remarks.append(as_note(f"{line}: {assumed}"))
     if silent:
         line = f"{silent} of {len(fixes)} GPS positions state no accuracy: that of the others is assumed"
-        remarks.append(Note(line))
+        remarks.append(as_note(line))
     stds_m = np.array(
         [
             Gps.noise_std_m if alone else typical if p.std_m is None else p.std_m
@@ -168,14 +168,14 @@ def _accuracy(
     return *median_and_each(stds_m, Gps.noise_std_m), remarks
 
 
-def _rtk_solutions(fixes: Sequence[PhotoPosition]) -> list[str]:
+def _rtk_solutions(fixes: Sequence[PhotoPosition]) -> list[Line]:
     """Return a remark with the number of fixes of each RTK solution where not all are fixed."""
     counts = Counter(p.rtk or "unknown" for p in fixes)
     if not any(p.rtk for p in fixes) or set(counts) == {_FIXED}:
         return []
     text = ", ".join(f"{count} {solution}" for solution, count in sorted(counts.items()))
     return [
-        Note(f"RTK solutions of {counted(len(fixes), 'GPS position')}: {text}; each has its own accuracy")
+        as_note(f"RTK solutions of {counted(len(fixes), 'GPS position')}: {text}; each has its own accuracy")
     ]
 
 
@@ -188,7 +188,7 @@ def _faults(positions: Sequence[PhotoPosition], names: Sequence[str]) -> list[st
 
 def _with_letters_of_others(
     positions: Sequence[PhotoPosition], names: Sequence[str]
-) -> tuple[list[PhotoPosition], list[str]]:
+) -> tuple[list[PhotoPosition], list[Line]]:
     """Return the positions with missing letters N, S, E, W taken from the others, if all others agree."""
     signs = {
         (np.sign(p.latitude_deg), np.sign(p.longitude_deg))

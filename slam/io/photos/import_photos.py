@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted
 from slam.core.flight import AttitudeSeries, Flight, Frames, Scalar
-from slam.core.messages import Note
+from slam.core.messages import Line, as_messages, as_note
 from slam.core.names import listed
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
@@ -76,7 +76,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
         barometer=_heights_above_takeoff(tags, stamps_s),
         gps=gps,
         notes={key: value for key, value in notes.items() if value},
-        warnings=(
+        messages=as_messages(
             *selection.remarks,
             *mark_remarks,
             *geotag_remarks,
@@ -94,7 +94,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
     return with_own_points(flight, folder)
 
 
-def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.int64], tuple[str, ...]]:
+def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.int64], tuple[Line, ...]]:
     """Return the photographs by time, strictly increasing stamps on one clock [ns], and the assumptions."""
     zones_known = all(photo.tags.utc_offset_ns is not None for photo in photos)
     camera = [
@@ -109,11 +109,11 @@ def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.
             camera,
             ""
             if zones_known
-            else Note(
+            else as_note(
                 "times from the camera's clock, time zone unknown, UTC assumed; the map does not depend on it"
             ),
         ),
-        (satellite, Note("times from the satellites' clock")),
+        (satellite, as_note("times from the satellites' clock")),
     ):
         known = [time for time in times if time is not None]
         if len(known) == len(photos) and (len(set(known)) > 1 or len(photos) == 1):
@@ -122,12 +122,12 @@ def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.
             stamps = np.array([known[k] for k in order], dtype=np.int64)
             increasing, equal_count = _make_increasing(stamps)
             equal = (
-                (Note(f"{equal_count} equal time stamps spread evenly, in the order of the names"),)
+                (as_note(f"{equal_count} equal time stamps spread evenly, in the order of the names"),)
                 if equal_count
                 else ()
             )
             return [photos[k] for k in order], increasing, (remark,) * bool(remark) + equal
-    remark = Note("no time of its own in every photograph: the order of the names, 1 s apart, assumed")
+    remark = as_note("no time of its own in every photograph: the order of the names, 1 s apart, assumed")
     return photos, np.arange(len(photos), dtype=np.int64) * _SECOND_NS, (remark,)
 
 
@@ -162,9 +162,9 @@ def _heights_above_takeoff(tags: Sequence[PhotoTags], stamps_s: Array) -> Scalar
     return Scalar(stamps_s[known], height_m, _BAROMETER_STD_M, assumed=("noise_std",)) if known else None
 
 
-def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[str, ...]]:
+def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[Line, ...]]:
     paths = tuple(photo.path for photo in photos)
-    notes = transparent_pixels(paths)
+    notes: list[Line] = [*transparent_pixels(paths)]
     files = PictureFiles(paths, photos[0].tags.size_px, common_levels(paths, notes))
     return Frames(stamps_s, tuple(photo.name for photo in photos), files, files.failures), tuple(notes)
 
@@ -182,13 +182,13 @@ def _several_cameras(tags: Sequence[PhotoTags]) -> tuple[str, ...]:
     )
 
 
-def _turned(tags: Sequence[PhotoTags]) -> tuple[str, ...]:
+def _turned(tags: Sequence[PhotoTags]) -> tuple[Line, ...]:
     turned = sum(t.is_turned for t in tags)
     line = (
         f"{counted(turned, 'photograph has', 'photographs have')} an Exif orientation, by which viewers turn "
         "them: pixels, such as those of control points, are those of the pictures as they are stored"
     )
-    return (Note(line),) if turned else ()
+    return (as_note(line),) if turned else ()
 
 
 def _damaged_tags(tags: Sequence[PhotoTags]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted
 from slam.core.errors import InputError
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG
@@ -71,7 +71,7 @@ class PhotoSet:
 
     photos: tuple[Photo, ...]
     attitude: AttitudeSource | None
-    remarks: tuple[str, ...]
+    remarks: tuple[Line, ...]
     """One line for each reason to leave photographs out, and for each assumption."""
     beside: tuple[Path, ...] = ()
     """Texts in the folder that may tell something about the photographs."""
@@ -103,6 +103,7 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
     faults = unused_tags(
         "attitude", [(photo.name, photo.tags.attitude_faults) for photo in photos if photo.w_R_b is None]
     )
+    attitude: Line
     if source is None or without == len(photos):
         attitude = (
             f"no attitude {'can be used' if faults else 'recorded'}: straight down assumed; use a gimbal, "
@@ -113,7 +114,9 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
         roll, pitch, yaw = source.std_deg
         good = f"{max(roll, pitch):.2g} degrees and the heading to {yaw:.2g}"
         attitude = f"attitude from {source.description}, assumed to be good to {good}"
-        attitude = Note(attitude + (f"; {counted(without, 'photograph')} without it" if without else ""))
+        attitude = as_note(
+            f"{attitude}; {counted(without, 'photograph')} without it" if without else attitude
+        )
     remarks = (*found.remarks, *lines, *band_remarks, *faults, attitude)
     return PhotoSet(tuple(photos), source, remarks, found.beside)
 
@@ -139,7 +142,7 @@ def _read(
 
 def _of_one_band(
     photos: Sequence[Photo], wanted: str | None, left_out: dict[str, list[str]]
-) -> tuple[list[Photo], tuple[str, ...]]:
+) -> tuple[list[Photo], tuple[Line, ...]]:
     """Return the photographs of one band, and a remark if there are several."""
     if not photos:
         return [], ()

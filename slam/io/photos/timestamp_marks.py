@@ -20,7 +20,7 @@ from backend.wording import counted
 from slam.core.errors import InputError
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
 from slam.core.height_systems import ELLIPSOID
-from slam.core.messages import Note
+from slam.core.messages import Line, Message, as_note
 from slam.core.names import listed
 from slam.io.files import read_text, shown
 from slam.io.photos.photo_set import Photo
@@ -57,12 +57,12 @@ class _Mark:
 
 def with_marks(
     photos: Sequence[Photo], folder: Path, beside: Sequence[Path]
-) -> tuple[list[Photo], list[Path], tuple[str, ...]]:
+) -> tuple[list[Photo], list[Path], tuple[Line, ...]]:
     """Return photographs with the places of files, the other files ``beside`` them, and lines about these.
 
     A photograph has the mark of its number in a file of its folder, unless its tags lie elsewhere.
     """
-    photos, others, remarks = list(photos), list[Path](), list[str]()
+    photos, others, remarks = list(photos), list[Path](), list[Line]()
     for path in beside:
         if path.suffix.lower() != SUFFIX:
             others.append(path)
@@ -165,12 +165,12 @@ def _at(photo: Photo, mark: _Mark) -> Photo:
     return replace(photo, tags=replace(photo.tags, position=position))
 
 
-def _about(name: str, found: Sequence[tuple[PhotoPosition, _Mark]], total: int) -> str:
+def _about(name: str, found: Sequence[tuple[PhotoPosition, _Mark]], total: int) -> Message:
     """Return a line about the marks that are used."""
     offset_m = float(np.mean([np.linalg.norm(mark.offset_m) for _, mark in found]))
     apart = [d for tags, mark in found if np.isfinite(d := _apart_m(mark, tags))]
     beside = f"; those in the tags differ by up to {max(apart):.2g} m along the ground" if apart else ""
-    return Note(
+    return as_note(
         f"places of {len(found)} of {total} photographs, with their accuracies, are those of {name}: of the "
         f"camera, {offset_m:.2g} m from the antenna on average{beside}"
     )

@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 
 from slam.core.errors import InputError
 from slam.core.flight import Flight
+from slam.core.messages import Line, as_message
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.files import brief, refusal
@@ -44,12 +45,12 @@ class Unpacked:
 
     source: Path
     """A flight, a recording, or a folder of photographs."""
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Line, ...] = ()
     """A line for each damaged recording beside it."""
 
     def warned(self, flight: Flight) -> Flight:
         """Return the flight of the source with the warnings of the archive."""
-        return replace(flight, warnings=(*self.warnings, *flight.warnings))
+        return replace(flight, messages=(*map(as_message, self.warnings), *flight.messages))
 
 
 def unpacked(path: Path, progress: Progress, is_inner: bool = False) -> Unpacked:

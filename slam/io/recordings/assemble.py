@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from slam.core.flight import Flight, Frames
-from slam.core.messages import same_kind
+from slam.core.messages import Line, about, as_message, as_unread
 from slam.core.progress import Progress, silent
 from slam.core.stream_source import NO_STREAM, StreamSource
 from slam.io.clock import sort_by_time
@@ -39,8 +39,8 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
     content = replace(content, pictures=known.mounted(camera, content.pictures))
     warnings = [*content.warnings, *known.remarks(camera)]
 
-    def note(folder: str, notes: list[str] | tuple[str, ...]) -> None:
-        warnings.extend(same_kind(line, f"{folder}: {line}") for line in notes)
+    def note(folder: str, notes: Iterable[Line]) -> None:
+        warnings.extend(about(folder, line) for line in notes)
 
     tables = _tables(recording, chosen, content)
     sensors = {name: _sensor(recording, name, content) for name in tables}
@@ -49,7 +49,7 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
         check_stamp_unit(table, sensors[name], notes)
         note(name, notes)
     for name in [name for name, table in tables.items() if _is_empty(table)]:
-        note(name, ["no message has a value; treated as not recorded; check that it was on"])
+        note(name, [as_unread("no message has a value; treated as not recorded; check that it was on")])
         del tables[name]
     check_stamps_agree(tables)
     recorded = dict(tables)
@@ -66,7 +66,7 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
         name=brief(recording.name, 120),
         epoch_ns=epoch_ns,
         notes=dict(content.metadata),
-        warnings=tuple(same_kind(line, brief(line, 600)) for line in warnings),
+        messages=tuple(replace(as_message(line), text=brief(line, 600)) for line in warnings),
         sources=(*_taken(chosen, recorded), *_left(recording, chosen)),
         **fields,
     )
@@ -83,7 +83,7 @@ def _with_values(
         chosen = choose(recording, topics)
         content = recording.read(chosen, progress)
         empty = {
-            offer: "; ".join(("no message has a value", *content.readings[offer.stream].notes))
+            offer: "; ".join(map(str, ("no message has a value", *content.readings[offer.stream].notes)))
             for offer in chosen
             if offer.stream not in topics
             and offer.stream in content.readings
@@ -101,7 +101,7 @@ def _with_values(
         recording = replace(recording, offers=offers)
 
 
-def _thinned(table: CsvTable, rate_hz: float, note: Callable[[str, list[str]], None]) -> CsvTable:
+def _thinned(table: CsvTable, rate_hz: float, note: Callable[[str, list[Line]], None]) -> CsvTable:
     """Return the pictures that come first after each multiple of 1 / ``rate_hz``."""
     slots = np.floor((table.stamps_ns - table.stamps_ns.min()) * (rate_hz * 1e-9) + 1e-6)
     keep = np.sort(np.unique(slots, return_index=True)[1])

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C, Camera
+from slam.core.messages import Line, about
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG, NOSE_AT_TOP, Look, axis_tilt_deg, tilt_remark
@@ -67,7 +68,7 @@ class Judged:
     views: Mapping[str, CameraLook]
     """Channel -> what its pictures tell; empty where nothing was in question."""
 
-    def remarks(self, channel: str | None) -> list[str]:
+    def remarks(self, channel: str | None) -> list[Line]:
         """Return a warning about the chosen camera where it may be the wrong one."""
         if channel is None or channel not in self.views:
             return []
@@ -75,12 +76,15 @@ class Judged:
         if view.look == Look.DOWN:
             return []
         if view.look == Look.ASIDE:
-            return [f"cam0: by its pictures it {tilt_remark(view.tilt_deg)}"]
+            return [about("cam0", f"by its pictures it {tilt_remark(view.tilt_deg)}")]
         others = [name for name, other in self.views.items() if other is not view and other.look == view.look]
         open_ = f"which of {channel} and {listed(others, 4)} looks" if others else f"whether {channel} looks"
         return [
-            f"cam0: neither a transform, a name nor the pictures tell {open_} down; {channel} is taken: name "
-            "another one by --topic cam0=CHANNEL, or record /tf_static"
+            about(
+                "cam0",
+                f"neither a transform, a name nor the pictures tell {open_} down; {channel} is taken: name "
+                "another one by --topic cam0=CHANNEL, or record /tf_static",
+            )
         ]
 
     def mounted(self, channel: str | None, pictures: PictureChannel | None) -> PictureChannel | None:

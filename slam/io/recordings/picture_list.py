@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.core.flight import Image
 from slam.core.lens_priors import UNKNOWN_FOCAL_STD_RATIO
+from slam.core.messages import Line
 from slam.io.files import read_bytes, refusal
 from slam.io.images import MAX_BYTES, UnreadableImageError, image_size
 from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px
@@ -24,7 +25,7 @@ def listed_pictures(
     stamps_ns: NDArray[np.int64],
     names: tuple[str, ...],
     camera_of: Callable[[tuple[int, int]], tuple[Camera, str]],
-    notes: tuple[str, ...] = (),
+    notes: tuple[Line, ...] = (),
 ) -> PictureChannel:
     """Return the pictures that the list at ``path`` names, relative to its folder.
 

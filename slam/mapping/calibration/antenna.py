@@ -8,7 +8,7 @@ from backend.bundle.accuracy.systematic_errors import ErrorTest
 from backend.bundle.refinement import Bundle
 from backend.triple import triple
 from slam.core.instrument_errors import AntennaPlace
-from slam.core.messages import Note
+from slam.core.messages import Line, about, as_note
 
 NOMINAL_ANTENNA_STD_M = 0.2
 """Standard deviation along each axis of an antenna's place that nobody has measured. Vehicles that carry a
@@ -38,7 +38,7 @@ def antenna_place(bundle: Bundle | None) -> AntennaPlace | None:
     return AntennaPlace(place, std, stated, measured.antenna_std_m)
 
 
-def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> str:
+def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> Line:
     """Return a line where an antenna may lie away from the body's origin, where it is assumed, unseen.
 
     At one heading its place moves the whole map, and nothing shows it. The line is empty for fixes that are
@@ -52,22 +52,26 @@ def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> str:
     unseen_m = _CERTAIN * tested.detectable.get("position offset", np.inf)
     if fix_std_m >= NOMINAL_ANTENNA_STD_M or unseen_m < NOMINAL_ANTENNA_STD_M:
         return ""
-    return (
-        f"gps0: fixes are good to {fix_std_m:.2g} m, but nothing tells where the antenna is on the body: "
+    return about(
+        "gps0",
+        f"fixes are good to {fix_std_m:.2g} m, but nothing tells where the antenna is on the body: "
         "it is held at the body's origin, because at the headings of this flight its place looks like that "
         "of the whole map or like the lens; the map may lie beside its place on Earth by as much; state the "
-        "antenna's place in T_BS of gps0/sensor.yaml, or fly lines in several headings"
+        "antenna's place in T_BS of gps0/sensor.yaml, or fly lines in several headings",
     )
 
 
-def antenna_height_note(bundle: Bundle) -> str:
+def antenna_height_note(bundle: Bundle) -> Line:
     """Return a note where the height of the antenna is uncertain as nobody stated it; empty elsewhere."""
     measured = bundle.optimum.problem.measurements
     if not measured.positions or measured.antenna_up_std_m <= measured.antenna_std_m:
         return ""
-    return Note(
-        "gps0: nothing tells how high the antenna is above the body's origin: heights of cameras and ground "
-        f"count it as 0 ± {measured.antenna_up_std_m:g} m; T_BS of gps0/sensor.yaml states it"
+    return as_note(
+        about(
+            "gps0",
+            "nothing tells how high the antenna is above the body's origin: heights of cameras and ground "
+            f"count it as 0 ± {measured.antenna_up_std_m:g} m; T_BS of gps0/sensor.yaml states it",
+        )
     )
 
 

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from backend.bundle.graph import LARGEST_SLOPE_RAD
 from backend.bundle.residual_spread import autocorrelated_std
 from slam.core.flight import Flight
+from slam.core.messages import Line, Message
 from slam.core.rotations import rotation_of
 from slam.mapping.keyframe_readings import attitudes_at
 from slam.mapping.map import Map
@@ -102,7 +103,7 @@ def tilt_over_map(flight: Flight, map_: Map) -> AttitudeFloorTilt | None:
     return attitude_floor_tilt(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
 
 
-def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> str:
+def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> Line:
     """In words, where that is notable: a map without positions takes the ground for level. Else empty."""
     if tilt is None:
         return ""
@@ -117,11 +118,12 @@ def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> str:
     elif tilt.turns_with_body:
         where = " towards one side of the body whatever the heading"
         cause = "its zero or the camera's mounting (T_BS) is off"
-    return (
+    return Message(
         f"attitude0 is tilted by {np.degrees(size):.1f}° against the floor seen in the pictures{where}: "
         f"{cause}; roll and pitch are trusted only as far as they agree with the map; the map assumes level "
         "ground: horizontal distances stay right, but if it slopes, heights may be wrong; check what "
         "attitude0 reads with the vehicle level: if roll and pitch are not 0 there, calibrate its level, "
         "else compare T_BS in cam0/sensor.yaml with how the camera is mounted, and until then measure "
-        "heights on the ground yourself"
+        "heights on the ground yourself",
+        about="attitude0",
     )

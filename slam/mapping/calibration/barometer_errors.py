@@ -10,6 +10,7 @@ from backend.bundle.residual_spread import autocorrelated_std
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import up_stds
 from slam.core.instrument_errors import BarometerErrors
+from slam.core.messages import Line, about
 
 _LEAST_HEIGHTS = 15
 """The scatter of so many residuals is known to a fifth (1 / sqrt(2 (n - 2))): `_SURE` deviations are more
@@ -39,7 +40,7 @@ def barometer_errors(bundle: Bundle | None) -> BarometerErrors | None:
     )
 
 
-def barometer_warning(bundle: Bundle | None) -> str:
+def barometer_warning(bundle: Bundle | None) -> Line:
     """Return a line about heights that change by another factor than the map's; empty where none do.
 
     The refinement takes such heights as noisy ones. The factor follows by least squares. Their noise is
@@ -64,7 +65,8 @@ def barometer_warning(bundle: Bundle | None) -> str:
     by_rounding = 0.5 * float(np.median(steps_m)) * float(np.abs(z).sum()) / squares
     if 1 / _MOST_GAIN < gain < _MOST_GAIN or abs(gain - 1) < _SURE * std + by_rounding:
         return ""
-    return (
-        f"barometer0: its heights change {gain:.2g} ± {std:.1g} times as much as those of the map; the map "
-        "takes the difference as noise; check that its unit is metres"
+    return about(
+        "barometer0",
+        f"its heights change {gain:.2g} ± {std:.1g} times as much as those of the map; the map "
+        "takes the difference as noise; check that its unit is metres",
     )

@@ -16,7 +16,7 @@ from backend.clocks.picture_clock import ClockPiece, PictureClock
 from backend.clocks.windows import ClockDisagreement
 from slam.core.clock_steps import step_sizes
 from slam.core.instrument_errors import ClockErrors, ClockSpan
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.core.units import with_error
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def clock_errors(clock: PictureClock | None, taken_out: PictureClock) -> ClockEr
     return ClockErrors(tuple(spans))
 
 
-def clock_warning(clock: PictureClock | None, taken_out: PictureClock) -> str:
+def clock_warning(clock: PictureClock | None, taken_out: PictureClock) -> Line:
     """Describe a delay or a step that was corrected, or that the flight does not determine; else empty."""
     if taken_out is not NO_CORRECTION:
         return _corrected(taken_out)
@@ -144,12 +144,12 @@ def _correctable(piece: ClockPiece, clock: PictureClock) -> bool:
     return piece.known and abs(piece.delay_s) < clock.longest_s - _EDGE_S
 
 
-def _corrected(taken_out: PictureClock) -> str:
+def _corrected(taken_out: PictureClock) -> Line:
     where = "corrected in the map, whose poses are stamped by the imu's clock"
     if len(taken_out.pieces) > 1:
         return f"{_steps(taken_out)}: {where}; check cam0/data.csv before you use its stamps"
     (piece,) = taken_out.pieces
-    return Note(
+    return as_note(
         f"{_offset(piece)}: {where}; for other programs shift the stamps in cam0/data.csv by "
         f"{-1e3 * piece.delay_s:+.0f} ms"
     )

@@ -21,6 +21,7 @@ from frontend.camera import Camera
 from frontend.lift import lift
 from slam.core.estimate import over_floor
 from slam.core.imu_at_rest import NO_GRAVITY, GravityReading
+from slam.core.messages import Line, Message
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.front_end import Observations
 
@@ -87,7 +88,7 @@ class InertialComparison:
     scale: AccelerometerScale | NoScale
 
 
-def velocity_contradicted(scale: AccelerometerScale | NoScale, gravity: GravityReading | None = None) -> str:
+def velocity_contradicted(scale: AccelerometerScale | NoScale, gravity: GravityReading | None = None) -> Line:
     """Return why a velocity that alone told a map's lengths cannot be right; empty if it can be.
 
     An accelerometer whose reading of ``gravity`` is off may be the wrong one itself: it proves nothing.
@@ -95,10 +96,11 @@ def velocity_contradicted(scale: AccelerometerScale | NoScale, gravity: GravityR
     if isinstance(scale, NoScale) or not scale.contradiction or gravity is not None:
         return ""
     ratio, std = 1 / scale.lengths.ratio, scale.ratio_std
-    return (
+    return Message(
         f"velocity0 reads {ratio:.2f} (± {100 * std:.2g} %) times the speed that the accelerometer tells: it "
         "is left out of the map's lengths; check its unit, scale_std in velocity0/sensor.yaml, and the unit "
-        "and calibration of imu0"
+        "and calibration of imu0",
+        about="velocity0",
     )
 
 

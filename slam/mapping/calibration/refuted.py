@@ -23,6 +23,7 @@ from backend.sparse_cholesky import SingularMatrixError
 from frontend.camera import Camera
 from slam.core.flight import Gps
 from slam.core.lens_priors import PLAUSIBLE_FOCAL, as_assumed, as_nominal
+from slam.core.messages import Line, Message, about
 from slam.mapping.calibration.antenna import FARTHEST, NOMINAL_ANTENNA_STD_M, refusal_of_antenna
 from slam.mapping.map import Map
 from slam.mapping.part_measurements import pinhole_model
@@ -60,7 +61,7 @@ class Freed:
     """The calibrations that are freed, without a lens of another model that was stated as uncertain."""
     reason: str = ""
     """Why a refuted antenna is held all the same; empty where none is."""
-    doubted_lens: str = ""
+    doubted_lens: Line = ""
     """Warning about a lens that is refuted and held all the same; empty where none is."""
 
     def changes_nothing(self, camera: Camera) -> bool:
@@ -143,7 +144,7 @@ def is_stated_lens_doubted(camera: Camera, map_: Map) -> bool:
     return bool(_evidence(camera, map_).argmax() > 0)
 
 
-def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, str]:
+def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, Line]:
     """Return ``camera`` with its lens known as well as the evidence of a ``trial`` says, else as it is.
 
     The trial has the widest of the priors, that of `as_assumed`. Where its focal length is odd, the lens
@@ -222,17 +223,18 @@ class OddFocal:
         """Whether a map is to have the estimate, not the stated focal length."""
         return self.is_assumed and self.is_plausible
 
-    def warning(self, used: bool) -> str:
+    def warning(self, used: bool) -> Message:
         """Return the warning; ``used`` says whether the map has the estimate."""
         origin = "assumed" if self.is_assumed else "stated"
         refuting = "pictures and positions" if self.by_positions else "the pictures"
         known = "" if self.is_assumed else ", which no calibration is wrong by"
         choice = "has that one" if used else f"keeps the {origin} one"
-        return (
-            f"cam0: the {origin} focal length, {self.stated_px:.0f} px, contradicts {refuting}, but they "
+        return about(
+            "cam0",
+            f"the {origin} focal length, {self.stated_px:.0f} px, contradicts {refuting}, but they "
             f"show {self.found_px:.0f} px{known}: the map {choice}; its heights and slopes are doubted; give "
             "the pictures as the camera took them, neither stretched nor cropped, with their tags, or add "
-            "control points, or fly at a second height"
+            "control points, or fly at a second height",
         )
 
 

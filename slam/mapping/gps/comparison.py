@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.messages import Note
+from slam.core.messages import Kind
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.gps.altitude_course import AltitudesOnMap
 from slam.mapping.gps.consensus import Agreement, exact_agreement, rough_agreement
@@ -101,7 +101,7 @@ class FixComparison:
         if self.moved_m is None or not (line := stale_line(names, self.moved_m)):
             return found
         left_out = (*found.left_out, *(names[k] for k in np.flatnonzero(self.stale).tolist()))
-        if isinstance(line, Note):
+        if line.kind is Kind.NOTE:
             return FixMessages((*found.remarks, line), found.warnings, left_out)
         return FixMessages(found.remarks, (line, *found.warnings), left_out)
 

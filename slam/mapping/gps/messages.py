@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from backend.quantiles import chi_square_limit
 from backend.wording import counted, either
 from slam.core.flight_info import MOST_LISTED_FIXES
-from slam.core.messages import Note
+from slam.core.messages import Message, about, as_note, extended
 from slam.core.names import listed
 from slam.core.units import length
 from slam.mapping.gps.agreeing_half import LEAST_FOR_HALF
@@ -23,15 +23,15 @@ Array = NDArray[np.float64]
 
 MOST_OUTLIERS = 0.3
 """Share of outliers up to which the fixes that agree are surely the right ones."""
-_DOUBT = "; so many may be right and the others wrong: check which, and remove the wrong ones"
+_DOUBT = "so many may be right and the others wrong: check which, and remove the wrong ones"
 
 
 @dataclass(frozen=True)
 class FixMessages:
     """Remarks and warnings about the fixes of one part of the map."""
 
-    remarks: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    remarks: tuple[Message, ...] = ()
+    warnings: tuple[Message, ...] = ()
     """The result may be wrong."""
     left_out: tuple[str, ...] = ()
     """Names of the fixes that are not used."""
@@ -40,19 +40,20 @@ class FixMessages:
 def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
     """Return messages about fixes that are not used, and about fixes that are too few to compare."""
     covered = np.isfinite(agreement.off_m[:, 0])
-    remarks, warnings = [], []
+    remarks, warnings = list[Message](), list[Message]()
     bad = np.flatnonzero(covered & ~agreement.used)
     if len(bad):
         distance = np.linalg.norm(np.nan_to_num(agreement.off_m[bad]), axis=1)
-        line = (
-            f"gps0: {len(bad)} of {agreement.count} fixes {either(len(bad), 'contradicts', 'contradict')} "
+        line = about(
+            "gps0",
+            f"{len(bad)} of {agreement.count} fixes {either(len(bad), 'contradicts', 'contradict')} "
             f"the pictures and the other fixes, and {either(len(bad), 'is', 'are')} not used: "
-            f"{_with_distance(fixes, bad, distance)}"
+            f"{_with_distance(fixes, bad, distance)}",
         )
         if too_many(len(bad), agreement.count):
-            warnings.append(line + _DOUBT)
+            warnings.append(extended(line, _DOUBT))
         else:
-            remarks.append(Note(line))
+            remarks.append(as_note(line))
     high = covered & agreement.used & np.isfinite(agreement.off_m[:, 2])
     bad_altitude = np.flatnonzero(high & ~agreement.altitude_used)
     good_altitude = np.flatnonzero(high & agreement.altitude_used)
@@ -62,16 +63,17 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
         if step is not None:
             warnings.append(_step_line(fixes, good_altitude, bad_altitude, step))
         else:
-            line = (
-                f"gps0: {outliers} of {count} altitudes {either(outliers, 'contradicts', 'contradict')} "
+            line = about(
+                "gps0",
+                f"{outliers} of {count} altitudes {either(outliers, 'contradicts', 'contradict')} "
                 "the pictures "
                 f"and the other altitudes, and {either(outliers, 'is', 'are')} not used: "
-                f"{_with_distance(fixes, bad_altitude, agreement.off_m[bad_altitude, 2])}"
+                f"{_with_distance(fixes, bad_altitude, agreement.off_m[bad_altitude, 2])}",
             )
             if too_many(outliers, count):
-                warnings.append(line + _DOUBT)
+                warnings.append(extended(line, _DOUBT))
             else:
-                remarks.append(Note(line))
+                remarks.append(as_note(line))
     warnings += [
         *_too_few(fixes, agreement, covered),
         *_used_suspects(fixes, agreement, covered),
@@ -101,19 +103,20 @@ def _step(good_m: Array, bad_m: Array) -> float | None:
     return float(np.median(bad_m) - np.median(good_m))
 
 
-def _step_line(fixes: Fixes, good: NDArray[np.int64], bad: NDArray[np.int64], step_m: float) -> str:
+def _step_line(fixes: Fixes, good: NDArray[np.int64], bad: NDArray[np.int64], step_m: float) -> Message:
     def group(which: NDArray[np.int64]) -> str:
         return f"{len(which)} fixes from {fixes.names[which[0]]} to {fixes.names[which[-1]]}"
 
     where = "above" if step_m > 0 else "below"
-    return (
-        f"gps0: the altitudes of {group(bad)} lie {length(abs(step_m))} {where} those of the other "
+    return about(
+        "gps0",
+        f"the altitudes of {group(bad)} lie {length(abs(step_m))} {where} those of the other "
         f"{group(good)} while the pictures show no such climb: two altitude references (sea level, "
-        "ellipsoid, take-off)? The map uses those of the latter; check which are right"
+        "ellipsoid, take-off)? The map uses those of the latter; check which are right",
     )
 
 
-def _too_few(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> list[str]:
+def _too_few(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> list[Message]:
     """Return a warning where fixes contradict the pictures but are too few to tell which are wrong."""
     used = covered & agreement.used
     n = int(used.sum())
@@ -125,12 +128,15 @@ def _too_few(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> 
         f"{LEAST_FIXES} to tell which is" if n < LEAST_FIXES else f"{LEAST_FOR_HALF} to tell which half is"
     )
     return [
-        f"gps0: the {n} fixes contradict the pictures by {length(rms)}, and it takes {which} wrong "
-        f"({names}); scale and place of the map may be wrong: check the fixes, or add control points"
+        about(
+            "gps0",
+            f"the {n} fixes contradict the pictures by {length(rms)}, and it takes {which} wrong "
+            f"({names}); scale and place of the map may be wrong: check the fixes, or add control points",
+        )
     ]
 
 
-def _used_suspects(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> list[str]:
+def _used_suspects(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> list[Message]:
     """Return a warning where the noise hides whether fixes that contradict the other fixes are outliers."""
     used = covered & agreement.used
     suspects = np.flatnonzero(used & fixes.suspect)
@@ -139,15 +145,18 @@ def _used_suspects(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_
     rms = float(np.sqrt(np.mean(agreement.off_m[used, :2] ** 2)))
     names = listed([fixes.names[k] for k in suspects], MOST_LISTED_FIXES)
     return [
-        f"gps0: the map uses {counted(len(suspects), 'fix', 'fixes')} out of reach of the others "
-        f"({names}), because the fixes "
-        f"differ from it by {length(rms)} a horizontal axis anyway; if "
-        f"{either(len(suspects), 'this one is', 'these are')} wrong, so are its scale "
-        "and place: check them"
+        about(
+            "gps0",
+            f"the map uses {counted(len(suspects), 'fix', 'fixes')} out of reach of the others "
+            f"({names}), because the fixes "
+            f"differ from it by {length(rms)} a horizontal axis anyway; if "
+            f"{either(len(suspects), 'this one is', 'these are')} wrong, so are its scale "
+            "and place: check them",
+        )
     ]
 
 
-def _jumps(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> list[str]:
+def _jumps(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> list[Message]:
     """Return a warning where the fixes jump while the pictures show no such step."""
     if fixes.stated:  # the pattern of the differences says more (`slam.mapping.gps.stated_accuracy`)
         return []
@@ -161,8 +170,11 @@ def _jumps(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> li
         for k, step in zip(found, step_m, strict=True)
     ]
     return [
-        f"gps0: the fixes jump against the pictures by {listed(steps, MOST_LISTED_FIXES)}: those before or "
-        "those after are wrong, and so may be scale, heading and place of the map; remove the wrong ones"
+        about(
+            "gps0",
+            f"the fixes jump against the pictures by {listed(steps, MOST_LISTED_FIXES)}: those before or "
+            "those after are wrong, and so may be scale, heading and place of the map; remove the wrong ones",
+        )
     ]
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from backend.wording import either
 from slam.core.flight_info import MOST_LISTED_FIXES
-from slam.core.messages import Note
+from slam.core.messages import Message, about, as_note, extended
 from slam.core.names import listed
 from slam.core.units import length
 from slam.mapping.gps.consensus import STATED_SIGMAS, nominal_limit_m, rough_turn
@@ -43,23 +43,25 @@ def moved_since_m(
     return np.where(~fresh & (farthest_m[first] > std_m), away_m, np.nan)
 
 
-def stale_line(names: tuple[str, ...], moved_m: Array) -> str:
+def stale_line(names: tuple[str, ...], moved_m: Array) -> Message | None:
     """Return the message about repeats among fixes (n,): a note, or a warning if they are many; else empty.
 
     ``moved_m`` is what `moved_since_m` returns.
     """
     stale = np.flatnonzero(np.isfinite(moved_m))
     if not len(stale):
-        return ""
+        return None
     n = len(stale)
-    line = (
-        f"gps0: {n} of {len(names)} fixes {either(n, 'repeats', 'repeat')} the place of the one before to "
+    line = about(
+        "gps0",
+        f"{n} of {len(names)} fixes {either(n, 'repeats', 'repeat')} the place of the one before to "
         f"the last digit while the pictures move by up to {length(float(moved_m[stale].max()))}, and "
-        f"{either(n, 'is', 'are')} not used: {listed([names[k] for k in stale], MOST_LISTED_FIXES)}"
+        f"{either(n, 'is', 'are')} not used: {listed([names[k] for k in stale], MOST_LISTED_FIXES)}",
     )
     if not too_many(n, len(names)):
-        return Note(line)
-    return (
-        f"{line}; the receiver stopped, or is slower than the camera: only the others place the map; check "
-        "them, or add control points"
+        return as_note(line)
+    return extended(
+        line,
+        "the receiver stopped, or is slower than the camera: only the others place the map",
+        "check them, or add control points",
     )

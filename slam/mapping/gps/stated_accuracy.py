@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.quantiles import chi_square_limit, f_tail
+from slam.core.messages import Message
 from slam.mapping.gps.altitude_course import AltitudesOnMap, altitude_course
 from slam.mapping.gps.consensus import FALSE_ALARM, LEAST_FIXES, STATED_SIGMAS
 
@@ -87,12 +88,12 @@ class Contradiction:
     stated: bool = True
 
     @property
-    def warning(self) -> str:
+    def warning(self) -> Message:
         """The sentence, with what the pattern leaves in doubt."""
         value = f"{self.pattern.value}; {100 * self.pattern.share:.0f} % of the squares"
         said = "stated" if self.stated else "assumed"
         why = _DOUBTED[self.pattern.kind].format(value=value, said=said, since=self.pattern.since)
-        return f"{self.differs}, which is taken as their noise: {why}"
+        return Message(f"{self.differs}, which is taken as their noise: {why}", about="gps0")
 
 
 def mirror_contradiction(fixes: FixesOnMap) -> Contradiction | None:

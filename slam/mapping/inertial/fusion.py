@@ -20,6 +20,7 @@ from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose, ReportedMotion
 from backend.quantiles import chi_square_limit
+from slam.core.messages import Line
 from slam.mapping.calibration.lens import calibrated
 from slam.mapping.control_points import ControlComparison
 from slam.mapping.inertial.bridges import bridge_warning, doubted_bridge_warning
@@ -263,8 +264,8 @@ def _with_control(joined: Map, members: NDArray[np.int64], bundle: Bundle, setup
 
 
 def _replaced(
-    warnings: tuple[str, ...], edges: Sequence[RelativePose], lines: Sequence[str]
-) -> tuple[str, ...]:
+    warnings: tuple[Line, ...], edges: Sequence[RelativePose], lines: Sequence[str]
+) -> tuple[Line, ...]:
     """Return the warnings with other lines about the bridges ``edges``."""
     old = {bridge_warning(edge) for edge in edges}
     return (*(line for line in warnings if line not in old), *lines)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from backend.wording import counted, either
 from slam.core.errors import InputError
 from slam.core.flight import STREAMS, Flight, Image
+from slam.core.messages import Line, about
 from slam.core.progress import Progress, silent
 from slam.mapping.live.mapper import LiveMapper
 
@@ -156,24 +157,31 @@ class _Followed:
     def with_warnings(self) -> Flight:
         """Return the last state, with warnings of what was left out or is no longer there."""
         assert self.newest is not None
-        lines = []
+        lines: list[Line] = []
         if late := len(self.late_ns):
             lines.append(
-                f"cam0: {counted(late, 'picture')} came after one of a later time and "
-                f"{either(late, 'was', 'were')} left out in flight; write rows in the order of their times"
+                about(
+                    "cam0",
+                    f"{counted(late, 'picture')} came after one of a later time and "
+                    f"{either(late, 'was', 'were')} left out in flight; "
+                    "write rows in the order of their times",
+                )
             )
         gone = len(set(self.given_ns) - set(_stamps_ns(self.newest).tolist()))
         if gone:
             lines.append(
-                f"cam0: data.csv was changed in flight: {counted(gone, 'picture')} that "
-                f"{either(gone, 'was', 'were')} mapped {either(gone, 'is', 'are')} no longer in it; the map "
-                "keeps them, but readings of other sensors may be lost with them: append rows only"
+                about(
+                    "cam0",
+                    f"data.csv was changed in flight: {counted(gone, 'picture')} that "
+                    f"{either(gone, 'was', 'were')} mapped {either(gone, 'is', 'are')} no longer in it; the "
+                    "map keeps them, but readings of other sensors may be lost with them: append rows only",
+                )
             )
         if self.error:
             lines.append(
                 f"the flight could not be read at its end, and an earlier state is used: {self.error}"
             )
-        return replace(self.newest, warnings=(*self.newest.warnings, *lines))
+        return self.newest.with_warning(*lines)
 
 
 def _stamps_ns(flight: Flight) -> NDArray[np.int64]:

@@ -10,6 +10,7 @@ import numpy as np
 from backend.clocks.delay_residuals import gyro_attitudes
 from slam.core.flight import Flight
 from slam.core.instrument_readings import inertial_readings
+from slam.core.messages import Message, about, extended
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG, Look, axis_tilt_deg
@@ -26,15 +27,15 @@ class ChosenCamera:
     """The recording whose pictures are taken."""
 
     recording: int
-    remark: str
+    remark: Message
     """A sentence about why."""
 
     def alone(self, number: int, flight: Flight) -> Flight:
         """Return a recording without its pictures, unless it is the chosen one."""
         if number == self.recording or flight.frames is None:
             return flight
-        warnings = tuple(line for line in flight.warnings if not line.startswith("cam0: "))
-        return replace(flight, frames=None, camera=None, warnings=warnings)
+        others = tuple(message for message in flight.messages if message.about != "cam0")
+        return replace(flight, frames=None, camera=None, messages=others)
 
 
 def chosen_camera(flights: Sequence[Flight], progress: Progress) -> ChosenCamera | None:
@@ -51,9 +52,11 @@ def chosen_camera(flights: Sequence[Flight], progress: Progress) -> ChosenCamera
         looks[k] = _look(flights[k])
     best = min(able, key=lambda k: looks[k].look)
     names = [f"{flights[k].name} ({looks[k].sentence})" for k in able]
-    remark = f"cam0: of several cameras, that of {flights[best].name} is taken: {listed(names, 4)}"
+    remark = about("cam0", f"of several cameras, that of {flights[best].name} is taken: {listed(names, 4)}")
     if looks[best].look != Look.DOWN:
-        remark += "; whether it looks down is not known: give the one that does first, or only that one"
+        remark = extended(
+            remark, "whether it looks down is not known: give the one that does first, or only that one"
+        )
     return ChosenCamera(best, remark)
 
 

@@ -175,7 +175,7 @@ def _joined(flights: Sequence[Flight], taken: Mapping[str, int], reference: Flig
         reference,
         name=flights[0].name,
         notes={key: text for flight in reversed(flights) for key, text in flight.notes.items()},
-        warnings=tuple(line for flight in flights for line in flight.warnings),
+        messages=tuple(message for flight in flights for message in flight.messages),
         sources=tuple(sources),
         **held,
     )

@@ -7,10 +7,12 @@ of such a flight is consistent in itself, so that only another instrument can re
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.messages import Message, about
 from slam.mapping.warnings.motions import GYRO, KeyframeSteps, StepMotion
 
 Array = NDArray[np.float64]
@@ -29,7 +31,7 @@ FAR = 1.5
 """Gains of flow and sonar are within a fourth."""
 
 
-def contradictions(steps: KeyframeSteps) -> list[str]:
+def contradictions(steps: KeyframeSteps) -> list[Message]:
     """Return a line for each instrument whose motion differs from the map's in most steps."""
     if len(steps.keyframe) < LEAST_STEPS:
         return []
@@ -39,20 +41,24 @@ def contradictions(steps: KeyframeSteps) -> list[str]:
     return [*_common_cause(lines), *lines]
 
 
-def _lines(motion: StepMotion, metric: bool) -> list[str]:
+def _lines(motion: StepMotion, metric: bool) -> list[Message]:
     least = LEAST_WAY_M if motion.is_way else max(LEAST_TURN_RAD, ABOVE_NOISE * motion.noise)
-    lines = list(_contradictions(motion, least, motion.is_way and metric))
-    return lines or (_gain(motion) if motion.who == GYRO else [])
+    found = list(_contradictions(motion, least, motion.is_way and metric))
+    found = found or (_gain(motion) if motion.who == GYRO else [])
+    return [replace(about(motion.who, line), about=motion.stream) for line in found]
 
 
-def _common_cause(lines: list[str]) -> list[str]:
+def _common_cause(lines: list[Message]) -> list[Message]:
     """Doubt the camera where several instruments contradict it: they hardly fail together."""
-    streams = list(dict.fromkeys(line.split(" ")[0].rstrip(":") for line in lines))
+    streams = list(dict.fromkeys(line.about for line in lines))
     if len(streams) < 2:
         return []
     return [
-        f"cam0: {' and '.join(streams)} contradict the pictures; check first which way the camera is mounted "
-        "(T_BS), its intrinsics, and whether its pictures are mirrored, turned or in another order"
+        about(
+            "cam0",
+            f"{' and '.join(streams)} contradict the pictures; check first which way the camera is mounted "
+            "(T_BS), its intrinsics, and whether its pictures are mirrored, turned or in another order",
+        )
     ]
 
 
@@ -69,7 +75,7 @@ def _gain(motion: StepMotion) -> list[str]:
     if 1 / FAR < times < FAR:
         return []
     return [
-        f"{motion.who}: turns {times:.2g} times as far as the pictures show; check its unit (rad/s, not "
+        f"turns {times:.2g} times as far as the pictures show; check its unit (rad/s, not "
         "deg/s) and focal length and distortion of cam0"
     ]
 
@@ -77,7 +83,7 @@ def _gain(motion: StepMotion) -> list[str]:
 def _contradictions(motion: StepMotion, least: float, by_length: bool) -> Iterator[str]:
     """Compare the readings of each step with the map's, both (n, c), and describe a contradiction."""
     known = np.isfinite(motion.read).all(axis=1)
-    who, read, made = motion.who, motion.read[known], motion.made[known]
+    read, made = motion.read[known], motion.made[known]
     if len(read) < LEAST_STEPS:
         return
     least *= np.sqrt(max(1.0, ENOUGH_STEPS / len(read)))
@@ -85,23 +91,23 @@ def _contradictions(motion: StepMotion, least: float, by_length: bool) -> Iterat
         return
     of_read, of_made = float((read**2).sum()), float((made**2).sum())
     if of_read == 0.0:
-        yield f"{who}: reads no motion while the pictures show some; check whether the sensor is stuck"
+        yield "reads no motion while the pictures show some; check whether the sensor is stuck"
         return
     alike = float((read * made).sum()) / np.sqrt(of_read * of_made)
     further = np.sqrt(of_made / of_read)
     if alike < AGAINST:
         yield (
-            f"{who}: opposite in sign to the motion seen in the pictures (correlation {alike:.2f}); "
+            f"opposite in sign to the motion seen in the pictures (correlation {alike:.2f}); "
             "check the axis signs in docs/flight-format.md"
         )
     elif alike < ALIKE:
         yield (
-            f"{who}: does not match the motion seen in the pictures (correlation {alike:.2f}); check stamps, "
+            f"does not match the motion seen in the pictures (correlation {alike:.2f}); check stamps, "
             "signs and axes, the order of the pictures, and whether one camera at one zoom took them all"
         )
     elif by_length and (further > FAR or (further < 1 / FAR and not motion.by_acceleration)):
         yield (
-            f"{who}: the path on the map is {further:.2g} times as long as this sensor says; check its unit, "
+            f"the path on the map is {further:.2g} times as long as this sensor says; check its unit, "
             "the focal length of cam0 (and its zoom), and whether the height sensor is stuck "
             "or in another unit"
         )

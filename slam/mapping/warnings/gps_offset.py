@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from backend.quantiles import chi_square_limit
 from slam.core.control_points import ControlReport
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.core.names import enumerated
 from slam.core.units import FOOT_M, length
 
@@ -150,12 +150,12 @@ def _off_check_points(offset: _Offset) -> list[str]:
     return lines
 
 
-def offset_remarks(report: ControlReport) -> list[str]:
+def offset_remarks(report: ControlReport) -> list[Line]:
     """Return lines about an offset from control points that datums explain, but not what the fixes state."""
     offset = _Offset.of(report)
     if offset is None or not (report.is_followed and report.gps_is_stated):
         return []
-    lines: list[str] = []
+    lines: list[Line] = []
     if offset.exceeds(slice(2)) and not offset.exceeds(slice(2), _DATUMS_M):
         lines.append(
             f"control points: the GPS lies {length(offset.size_m)} off all of them alike ({offset.where} of "
@@ -165,7 +165,7 @@ def offset_remarks(report: ControlReport) -> list[str]:
         )
     if offset.exceeds(slice(2, 3)) and not offset.is_beyond_references:
         lines.append(
-            Note(
+            as_note(
                 f"the altitudes of the GPS lie {offset.rise} the control points, as those over another "
                 "reference do; the map has the heights of the control points"
             )

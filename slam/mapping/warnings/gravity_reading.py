@@ -21,7 +21,7 @@ import numpy as np
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.imu_at_rest import GravityReading, gravity_reading
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note, as_reason, extended
 from slam.core.units import percent
 from slam.mapping.context import Context
 from slam.mapping.map import Map
@@ -33,10 +33,10 @@ _NO_MORE = "most of it is likely an offset, which the map estimates"
 class GravityLine:
     """Meaning of a reading of gravity for a map."""
 
-    raw: str = ""
+    raw: Line = ""
     """Line about the reading alone, in whose place the judged one stands; empty where gravity is right."""
-    judged: str = ""
-    is_in_status: bool = False
+    judged: Line = ""
+    """A reason for the status where more is wrong than the map states."""
 
 
 def gravity_line(context: Context, map_: Map) -> GravityLine:
@@ -48,7 +48,9 @@ def gravity_line(context: Context, map_: Map) -> GravityLine:
     inertial = map_.inertial
     if inertial is None or not inertial.helps:
         read = reading.warning if reading.is_missing else reading.reads
-        return GravityLine(reading.warning, Note(f"{read}; the lengths of the map do not rest on it"))
+        return GravityLine(
+            reading.warning, as_note(extended(read, "the lengths of the map do not rest on it"))
+        )
     by_accelerometer = expected_length_error(
         reading, inertial.found.gain_slopes, config.trust.accel_gain_std, config.inertial.accel_offset_m_s2
     )
@@ -62,17 +64,17 @@ def judged(reading: GravityReading, expected: float, stated: float | None) -> Gr
     ``stated`` their standard deviation."""
     if stated is not None and expected <= stated:
         text = (
-            f"{reading.reads}; {_NO_MORE}. Part of it may be a wrong gain, which looks alike at rest; by the "
+            f"{_NO_MORE}. Part of it may be a wrong gain, which looks alike at rest; by the "
             f"usual size of both it makes lengths of the map {percent(expected)} wrong, and the stated "
             f"{percent(stated)} cover that"
         )
-        return GravityLine(reading.warning, Note(text))
+        return GravityLine(reading.warning, as_note(extended(reading.reads, text)))
     text = (
-        f"{reading.reads}; lengths of the map rest on it and may be {percent(expected)} wrong for this "
+        f"lengths of the map rest on it and may be {percent(expected)} wrong for this "
         "reason, more than is stated; measure one distance on the ground, or calibrate the scale of the "
         "accelerometer"
     )
-    return GravityLine(reading.warning, text, is_in_status=True)
+    return GravityLine(reading.warning, as_reason(extended(reading.reads, text)))
 
 
 def expected_length_error(

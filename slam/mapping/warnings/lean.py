@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from slam.core.flight import Flight
+from slam.core.messages import Line, Message
 from slam.mapping.calibration.attitude_floor_tilt import NOTABLE_RAD, SURE, ZERO_STDS, AttitudeFloorTilt
 from slam.mapping.map import Map
 
 
-def lean_warning(flight: Flight, map_: Map, tilt: AttitudeFloorTilt | None) -> str:
+def lean_warning(flight: Flight, map_: Map, tilt: AttitudeFloorTilt | None) -> Line:
     """Return a warning where the attitude leans against a map that heights on Earth hold; empty elsewhere.
 
     Heights in another unit make slopes of what is level, and take the attitude for noise.
@@ -20,8 +21,9 @@ def lean_warning(flight: Flight, map_: Map, tilt: AttitudeFloorTilt | None) -> s
     if size < max(ZERO_STDS * stated, NOTABLE_RAD) + SURE * std:
         return ""
     control = bool(map_.bundle.optimum.problem.measurements.control)
-    return (
+    return Message(
         f"attitude0 leans by {np.degrees(size):.1f}° against the map, which the heights of "
         f"{'control points' if control else 'positions'} hold: heights across the map may be wrong by as "
-        "much; check the unit of these heights, and the mounting of the camera (T_BS)"
+        "much; check the unit of these heights, and the mounting of the camera (T_BS)",
+        about="attitude0",
     )

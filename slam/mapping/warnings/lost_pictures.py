@@ -11,6 +11,7 @@ from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
 from slam.core.flight import Flight
 from slam.core.lost_pictures import BARE_GROUND, NOTABLE_SHARE
+from slam.core.messages import Message, about
 from slam.mapping.front_end import Observations
 
 _HINTS = {
@@ -27,14 +28,14 @@ _MOST_STRETCHES, _NOTABLE_STRETCH = 3, 0.5
 """Number of stretches that are named, and their least length over that of the longest."""
 
 
-def lost_picture_warnings(flight: Flight, observations: Observations) -> list[str]:
+def lost_picture_warnings(flight: Flight, observations: Observations) -> list[Message]:
     """Return a line for each reason for which a flight's pictures were left out in numbers, with times."""
     if flight.all_keyframes:  # photographs are named one by one
         return []
     frames: dict[str, list[int]] = defaultdict(list)
     for frame, reason in observations.dropped.items():
         frames[reason.partition(", ")[0]].append(frame)  # what was tried beside is no reason of its own
-    lines = []
+    lines = list[Message]()
     for reason, (at_fault, hint) in _HINTS.items():
         left_out = np.sort(np.array(frames[reason], dtype=np.int64))
         if len(left_out) <= NOTABLE_SHARE * observations.frames:
@@ -47,8 +48,11 @@ def lost_picture_warnings(flight: Flight, observations: Observations) -> list[st
         ]
         stretches = " and ".join(f"from {begin_s:.1f} to {end_s:.1f} s" for begin_s, end_s in times)
         lines.append(
-            f"{at_fault}: {len(left_out)} of {observations.frames} pictures "
-            f"{either(len(left_out), 'is', 'are')} left out ({reason}), the "
-            f"longest stretch{'es' * (len(times) > 1)} {stretches}: {hint}"
+            about(
+                at_fault,
+                f"{len(left_out)} of {observations.frames} pictures "
+                f"{either(len(left_out), 'is', 'are')} left out ({reason}), the "
+                f"longest stretch{'es' * (len(times) > 1)} {stretches}: {hint}",
+            )
         )
     return lines

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,10 +10,10 @@ from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.wording import counted, either
 from slam.core.clock_steps import clock_step_left
 from slam.core.flight import Flight
-from slam.core.flight_info import describe, fix_anomalies, missing_for_map
+from slam.core.flight_info import anomalies, fix_anomalies, missing_for_map
 from slam.core.instrument_errors import MountTilt
 from slam.core.lost_pictures import NOTABLE_SHARE
-from slam.core.messages import Note, by_kind
+from slam.core.messages import Kind, Line, Message, as_note, as_reason, extended, joined
 from slam.core.names import listed
 from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
 from slam.mapping.calibration.antenna import antenna_place
@@ -62,19 +61,6 @@ MOST_STUCK = 0.5
 """Share of equal ranges from which on even a robust estimate of the height follows them."""
 
 
-@dataclass(frozen=True)
-class Messages:
-    """The status and the warnings that a map gives.
-
-    Fields:
-        status: ``ok``, or the reasons why the map may be wrong beyond its covariances.
-        warnings: the same reasons, other warnings, and notes (`slam.core.messages`); each line once.
-    """
-
-    status: str
-    warnings: tuple[str, ...]
-
-
 def messages(
     context: Context,
     map_: Map,
@@ -82,9 +68,9 @@ def messages(
     shared: SystematicErrors | None,
     mount: MountTilt | None,
     shares: Shares,
-    untested: Sequence[str],
-) -> Messages:
-    """Return the status and the warnings of a map.
+    untested: Sequence[Line],
+) -> tuple[Message, ...]:
+    """Return the messages of a map: the reasons of its status, other warnings, and notes.
 
     Takes the pictures ``not_placed`` with their reasons, the errors that all pictures share, the camera's
     tilt, the shares of the instruments, and lines about tests that were not possible and on the velocity.
@@ -93,11 +79,10 @@ def messages(
     tilt, systematic = tilt_over_map(context.flight, map_), _systematic_warning(context, map_, shared)
     gravity = gravity_line(context, map_)
     reasons = _reasons(context, map_, not_placed, shared, systematic, tilt, shares)
-    reasons += [gravity.judged] if gravity.is_in_status else []
-    lines = (
-        *reasons,
-        *flight.warnings,
-        *anomalies(context, map_, gravity),
+    return joined(
+        *map(as_reason, reasons),
+        *flight.messages,
+        *judged_anomalies(context, map_, gravity),
         *missing_for_map(flight),
         *not_placed_warnings(not_placed),
         *lost_picture_warnings(flight, observations),
@@ -106,32 +91,29 @@ def messages(
         mount_warning(mount, flight.camera_file),
         clock_warning(map_.clock, context.clock),
         _refuted_antenna(context, map_),
-        "" if systematic.is_in_status else systematic.line,
+        systematic or "",
         *untested,
         *map_.remarks,
         *_graph_lines(map_),
     )
-    # A line of the flight or of an instrument may be a reason too.
-    sorted_lines = by_kind(dict.fromkeys(line for line in lines if line))
-    return Messages("; ".join(reasons) or "ok", (*sorted_lines.warnings, *sorted_lines.notes))
 
 
-def anomalies(context: Context, map_: Map, gravity: GravityLine) -> Iterator[str]:
+def judged_anomalies(context: Context, map_: Map, gravity: GravityLine) -> Iterator[Line]:
     """Yield the anomalies of the streams: judged by the map, and as notes where it has dealt with them."""
     flight = context.flight
-    check, dealt_with = flight.fix_check(), list[str]()
+    check, dealt_with = flight.fix_check(), list[Message]()
     if check is not None and flight.gps is not None:
         names = flight.picture_names(flight.gps.stamps_s)
         suspect = {names[k] for k in np.flatnonzero(~check.consistent).tolist()}
         dealt_with = fix_anomalies(flight) if suspect <= set(map_.fixes_left_out) else []
-    for line in describe(flight).anomalies:
+    for line in anomalies(flight):
         if line == gravity.raw:
             yield gravity.judged
         else:
-            yield Note(line) if line in dealt_with else line
+            yield as_note(line) if line in dealt_with else line
 
 
-def _graph_lines(map_: Map) -> list[str]:
+def _graph_lines(map_: Map) -> list[Line]:
     """Return the warnings of the pose graph that concern the refined map.
 
     The refinement measures the scatter of its own observations, so that its covariances stand although the
@@ -140,7 +122,7 @@ def _graph_lines(map_: Map) -> list[str]:
     solution = map_.graph
     if map_.bundle is None or not solution.contradictions:
         return [*solution.warnings, *solution.contradictions]
-    scatter = Note(
+    scatter = as_note(
         "pairs of pictures fit each other less exactly than was first assumed; the accuracy of this map "
         "counts that: the refinement of all pictures together has measured how exactly they fit"
     )
@@ -152,10 +134,10 @@ def _reasons(
     map_: Map,
     not_placed: dict[str, str],
     shared: SystematicErrors | None,
-    systematic: _SystematicWarning,
+    systematic: Message | None,
     tilt: AttitudeFloorTilt | None,
     shares: Shares,
-) -> list[str]:
+) -> list[Line]:
     """Return the reasons why a map may be wrong beyond its covariances."""
     flight = context.flight
     metric = bool(map_.edges.heights.metric[map_.component >= 0].all())
@@ -165,7 +147,7 @@ def _reasons(
         _refuted_lens(context, map_),
         antenna if _antenna_is_stated(flight) else "",
         # First, because instruments contradict a map that a lens has bent.
-        systematic.line if systematic.is_in_status else "",
+        systematic if systematic is not None and systematic.kind is Kind.REASON else "",
         *map_.no_scale,
         *map_.warnings,
         lines_alone_warning(map_),
@@ -175,7 +157,7 @@ def _reasons(
         *(
             found.warning
             for found in map_.stated_accuracy
-            if not (systematic.line and explains(shared, found))
+            if systematic is None or not explains(shared, found)
         ),
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
@@ -196,7 +178,7 @@ def _reasons(
     return [line for line in lines if line]
 
 
-def _motion_warnings(flight: Flight, map_: Map, metric: bool) -> list[str]:
+def _motion_warnings(flight: Flight, map_: Map, metric: bool) -> list[Message]:
     """Report instruments that contradict the map's motion, all the time or in single steps."""
     if flight.frames is None:
         return []
@@ -226,7 +208,7 @@ def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
     return lines
 
 
-def _moving(observations: Observations, shared: SystematicErrors | None) -> list[str]:
+def _moving(observations: Observations, shared: SystematicErrors | None) -> list[Line]:
     """Report objects that move by themselves, if there are more than by chance."""
     if observations.moving <= NOTABLE_SHARE * observations.frames:
         return []
@@ -237,7 +219,7 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
             "well as moving things; they are left out of the map; calibrate the camera if nothing moved"
         ]
     return [
-        Note(
+        as_note(
             f"{pictures} something moves by itself, or the pattern of the floor repeats; features on it "
             "are left out of the map, which is right but for that ground, where the mosaic may show "
             "things cut or twice"
@@ -245,12 +227,12 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
     ]
 
 
-def _tilt_warning(map_: Map, tilt: AttitudeFloorTilt | None) -> str:
+def _tilt_warning(map_: Map, tilt: AttitudeFloorTilt | None) -> Line:
     """Return the warning of a tilt against the floor; none where positions determine the slope."""
     return "" if map_.georeferenced else attitude_floor_tilt_warning(tilt)
 
 
-def _range_contradiction(context: Context, map_: Map) -> str:
+def _range_contradiction(context: Context, map_: Map) -> Line:
     """Report ranges that contradict the map whose scale rests on them."""
     if map_.bundle is None or map_.bundle.range_errors is None:
         return ""
@@ -259,14 +241,14 @@ def _range_contradiction(context: Context, map_: Map) -> str:
     return "" if echoes is None else range_contradiction(echoes, context.job.config.masking)
 
 
-def _stuck_ranges(flight: Flight, map_: Map) -> str:
+def _stuck_ranges(flight: Flight, map_: Map) -> Line:
     """Report a stuck height sensor that the scale of the map rests on."""
     if flight.sonar is None or map_.bundle is None or map_.bundle.range_errors is None:
         return ""
     return stuck_ranges(flight.sonar, MOST_STUCK)
 
 
-def _refuted_lens(context: Context, map_: Map) -> str:
+def _refuted_lens(context: Context, map_: Map) -> Line:
     """Report a declared lens that the map refutes: it has an estimated one instead, or keeps it."""
     refuted, flight, height_m = context.refuted_lens, context.flight, _main_height_m(map_)
     if refuted is None or context.doubted_lens:
@@ -279,7 +261,7 @@ def _refuted_lens(context: Context, map_: Map) -> str:
     )
 
 
-def _refuted_antenna(context: Context, map_: Map) -> str:
+def _refuted_antenna(context: Context, map_: Map) -> Line:
     """Report an antenna in whose stated or assumed place the map has an estimated one."""
     place = antenna_place(map_.bundle)
     errors = next((refuted.errors for refuted in context.refuted if refuted.what == "antenna"), None)
@@ -299,23 +281,13 @@ def _main_height_m(map_: Map) -> float:
     return float(np.nanmedian(map_.height_m[map_.component == 0]))
 
 
-@dataclass(frozen=True)
-class _SystematicWarning:
-    """Warning about errors that all pictures share; the line is empty where there are none."""
-
-    line: str = ""
-    is_in_status: bool = False
-
-
-def _systematic_warning(context: Context, map_: Map, shared: SystematicErrors | None) -> _SystematicWarning:
-    """Return the warning, with the accuracies that the same errors contradict."""
+def _systematic_warning(context: Context, map_: Map, shared: SystematicErrors | None) -> Message | None:
+    """Return the warning about errors that all pictures share, with the accuracies that these contradict."""
     flight = context.flight
     line = systematic_warning(shared, map_.camera, _main_height_m(map_), map_.metric, flight.camera_file)
     if not line:
-        return _SystematicWarning()
-    if context.still_held:
-        line += f"; the antenna's place is held, because {context.still_held}"
-    contradicted = [f"; {c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
-    return _SystematicWarning(
-        line + "".join(contradicted), bool(contradicted) or is_outside_covariances(shared)
-    )
+        return None
+    held = [f"the antenna's place is held, because {context.still_held}"] if context.still_held else []
+    contradicted = [f"{c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
+    line = extended(line, *held, *contradicted)
+    return as_reason(line) if contradicted or is_outside_covariances(shared) else line

@@ -12,6 +12,7 @@ from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, is_uncertain, prior
 from frontend.camera import Camera
 from slam.core.instrument_errors import AntennaPlace
 from slam.core.lens_priors import as_nominal
+from slam.core.messages import Line, Message, about, extended
 from slam.core.units import length, percent
 from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.map import Map
@@ -19,11 +20,14 @@ from slam.mapping.part_measurements import pinhole_model
 
 _CERTAIN = 3.0
 """Standard deviations from zero above which a component is reported."""
-_PATTERN: Mapping[Kind, str] = {
-    "radial": "cam0: the residuals grow with the radius in the same way in all pictures",
-    "decentring": "cam0: the residuals depend on the place in the picture in the same way in all pictures",
-    "principal point": "cam0: the residuals are constant in the camera's axes in all pictures",
-    "position offset": "gps0: the positions differ from the pictures by a constant in the body's axes",
+_PATTERN: Mapping[Kind, tuple[str, str]] = {
+    "radial": ("cam0", "the residuals grow with the radius in the same way in all pictures"),
+    "decentring": (
+        "cam0",
+        "the residuals depend on the place in the picture in the same way in all pictures",
+    ),
+    "principal point": ("cam0", "the residuals are constant in the camera's axes in all pictures"),
+    "position offset": ("gps0", "the positions differ from the pictures by a constant in the body's axes"),
 }
 _CAUSE: Mapping[Kind, str] = {
     "radial": "a lens distortion other than the declared one",
@@ -59,28 +63,32 @@ def explains(found: SystematicErrors | None, contradiction: Contradiction) -> bo
 
 def refuted_lens_warning(
     found: SystematicErrors, declared: Camera, used: Camera, height_m: float, metric: bool, camera_file: str
-) -> str:
+) -> Message:
     """Return the warning about a ``declared`` lens in whose place the map has an estimated one, ``used``."""
     line = systematic_warning(found, declared, height_m, metric, camera_file)
     lens = "an equidistant fisheye" if used.lens == "equidistant" else "a lens with distortion"
-    return f"{line}; so was the map with it, and this one has {lens} instead, as estimated from the pictures"
+    return extended(
+        line, f"so was the map with it, and this one has {lens} instead, as estimated from the pictures"
+    )
 
 
-def stated_lens_warning(stated: Camera, map_: Map, camera_file: str) -> str:
+def stated_lens_warning(stated: Camera, map_: Map, camera_file: str) -> Message:
     """Return the warning about a lens whose stated numbers the evidence of a map refutes.
 
     It names the number that is farthest from the stated one, in standard deviations.
     """
     declared, estimate = _farthest_number(stated, map_)
     if not is_uncertain(pinhole_model(stated)):
-        return (
-            "cam0: the stated lens, held as exact, contradicts the pictures; this map has an estimated one "
-            f"instead, with {estimate}; calibrate the camera and correct its numbers in {camera_file}"
+        return about(
+            "cam0",
+            "the stated lens, held as exact, contradicts the pictures; this map has an estimated one "
+            f"instead, with {estimate}; calibrate the camera and correct its numbers in {camera_file}",
         )
-    return (
-        f"cam0: {declared}, with what else is told of its lens, contradicts the pictures and positions; this "
+    return about(
+        "cam0",
+        f"{declared}, with what else is told of its lens, contradicts the pictures and positions; this "
         f"map has {estimate} instead, as estimated; calibrate the camera and correct its numbers in "
-        f"{camera_file}"
+        f"{camera_file}",
     )
 
 
@@ -114,16 +122,18 @@ def _farthest_number(stated: Camera, map_: Map) -> tuple[str, str]:
 
 def refuted_antenna_warning(
     found: SystematicErrors, place: AntennaPlace, camera: Camera, height_m: float, is_stated: bool
-) -> str:
+) -> Message:
     """Return the warning about an antenna whose stated or assumed place the map has replaced by ``place``."""
     axes = zip(("forward", "left"), place.place_m, place.std_m, strict=False)
     here = ", ".join(f"{axis} {at:+.2f} ± {std:.1g} m" for axis, at, std in axes)
     held = "where T_BS of gps0/sensor.yaml tells" if is_stated else "at the body's origin, as assumed"
     offset = _term("position offset", found, camera, height_m)
-    return (
-        f"{_PATTERN['position offset']} ({offset}), so the antenna is not {held}; this map has it at {here}, "
+    name, pattern = _PATTERN["position offset"]
+    return about(
+        name,
+        f"{pattern} ({offset}), so the antenna is not {held}; this map has it at {here}, "
         "as estimated; measure its place, and state it in T_BS of gps0/sensor.yaml (slam import writes this "
-        "file for photographs)"
+        "file for photographs)",
     )
 
 
@@ -134,7 +144,7 @@ def is_outside_covariances(found: SystematicErrors | None) -> bool:
 
 def systematic_warning(
     found: SystematicErrors | None, camera: Camera, height_m: float, metric: bool, camera_file: str
-) -> str:
+) -> Line:
     """Return the warning; empty where the errors concern no position and the covariances include them.
 
     ``camera`` is the declared or estimated one, ``height_m`` its typical height over the floor. Lengths are
@@ -161,7 +171,8 @@ def systematic_warning(
     if turned:
         causes = "a camera that looks elsewhere than T_BS and the attitude say, as one that looks ahead"
     advice = (_TURNED if turned else _ADVICE[first]).format(camera_file=camera_file)
-    return f"{_PATTERN[first]} ({terms}), likely by {causes}; {effect}; {advice}"
+    name, pattern = _PATTERN[first]
+    return about(name, f"{pattern} ({terms}), likely by {causes}; {effect}; {advice}")
 
 
 def _looks_elsewhere(found: SystematicErrors, camera: Camera) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.robust import NORMAL
+from slam.core.messages import Message, about
 from slam.core.names import enumerated
 from slam.mapping.warnings.motions import KeyframeSteps, StepMotion
 
@@ -64,21 +65,22 @@ class WrongMoments:
         wrong[1:] |= wrong[:-1].copy()
         return self.steps.only(~wrong)
 
-    def lines(self, names: Sequence[str]) -> list[str]:
+    def lines(self, names: Sequence[str]) -> list[Message]:
         """Return a line for each run of wrong steps; ``names`` (k,) are those of the keyframes."""
         wrong = np.flatnonzero(self.wrong)
         # Between two pictures of wrong times, a step may look right by chance.
         runs = np.split(wrong, np.flatnonzero(np.diff(wrong) > 2) + 1) if len(wrong) else []
         return [self._line(names, run) for run in runs]
 
-    def _line(self, names: Sequence[str], run: NDArray[np.int64]) -> str:
+    def _line(self, names: Sequence[str], run: NDArray[np.int64]) -> Message:
         first, last = self.steps.keyframe[run[0], 0], self.steps.keyframe[run[-1], 1]
         streams = enumerated([stream for stream, mask in self.off.items() if mask[run].any()])
-        return (
-            f"cam0: from {names[first]} to {names[last]} the map moves otherwise than {streams}: pictures "
+        return about(
+            "cam0",
+            f"from {names[first]} to {names[last]} the map moves otherwise than {streams}: pictures "
             "there are in another order, were not taken when their stamps say, or are of another camera or "
             "zoom, unless the instruments lost readings together; such pictures may bend the whole map: "
-            "correct their stamps or leave them out, and run again"
+            "correct their stamps or leave them out, and run again",
         )
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from backend.wording import counted
 from slam.core.estimate import Estimate
-from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent
 from slam.report.answers.advice import main_cause
 from slam.report.answers.checked_lengths import CHECKED, RESULT, basis, unless_checked
+from slam.report.answers.streams import doubts
 from slam.report.coordinates import at
 from slam.report.facts import Facts, typical_axis_stds
 from slam.report.mosaic_facts import MosaicFacts
@@ -155,8 +155,7 @@ def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     doubted = [
         stream
         for name, stream in _STREAMS.items()
-        if name in facts.scale_source
-        and any(line.startswith(f"{stream}: ") for line in by_kind(summary.warnings).warnings)
+        if name in facts.scale_source and any(doubt.about == stream for doubt in doubts(summary.messages))
     ]
     if doubted:
         return (

@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.core.estimate import Estimate
 from slam.core.lost_pictures import BARE_GROUND
-from slam.core.messages import by_kind, clauses
+from slam.core.messages import by_kind
 from slam.core.units import percent
 from slam.report.answers.checked_lengths import RESULT, unless_checked
 from slam.report.facts import Facts, heights_over_floor
@@ -140,10 +140,10 @@ def next_steps(
     steps = []
     if summary.status != "ok":
         steps.append("first do what “Check this first” says: it is worth more than all that follows")
-    elif warnings := [w for w in by_kind(summary.warnings).warnings if not w.startswith(BARE_GROUND)]:
-        steps.append(
-            _advice(warnings[0]) if len(warnings) == 1 else f"first act on the {len(warnings)} warnings below"
-        )
+    elif asked := [m for m in by_kind(summary.messages).warnings if m.about != BARE_GROUND]:
+        what = "warning" if len(asked) == 1 else f"{len(asked)} warnings"
+        step = f": {asked[0].next_step}" if len(asked) == 1 and asked[0].next_step else ""
+        steps.append(f"first act on the {what} below{step}")
     if ground_missing:  # what a warning of bare ground asks for, with the height of this map
         higher = f"higher{_as_high(estimate, facts)}"
         steps.append(
@@ -167,21 +167,13 @@ def next_steps(
                 f"The map was compared with the true path of its flight ({RESULT})",
             )
         )
-    if any(asked in step for step in steps for asked in _SURVEYS) and not facts.controlled:
+    if any(wanted in step for step in steps for wanted in _SURVEYS) and not facts.controlled:
         steps.append(
             "What you measure on the ground, places with heights and so lengths too, can be given to the "
             "program as at least three points that two pictures each show: slam optimize --gcp FILE "
             "(docs/method/control-points.md of the project has its columns)"
         )
     return " ".join(f"{step[0].upper()}{step[1:]}." for step in steps)
-
-
-def _advice(warning: str) -> str:
-    """Return the first step that a warning asks for: the clause with which it ends says what to do."""
-    *found, last = clauses(warning)
-    return (
-        f"first act on the warning below: {last.rstrip('.')}" if found else "first act on the warning below"
-    )
 
 
 def focal_std_ratio(estimate: Estimate) -> float:

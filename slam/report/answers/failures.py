@@ -172,7 +172,7 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFac
     if found_here:
         begin = "No part of the map, and no warning doubts an instrument, but some readings or heights are"
         return f"{begin} doubted.{doubted}{on_purpose}"
-    warned = by_kind(summary.warnings).warnings
+    warned = by_kind(summary.messages).warnings
     return f"Nothing{'; the warnings name what to check' if warned else ''}.{doubted}{on_purpose}"
 
 
@@ -191,7 +191,7 @@ def _trusted(estimate: Estimate, summary: Summary) -> str:
     `backend.bundle.noise` weighs roll and pitch by their differences from the map.
     """
     found = estimate.instruments.attitude
-    if found is None or not is_tilt_doubted(summary.warnings):
+    if found is None or not is_tilt_doubted(summary.messages):
         return ""
     return (
         f" The map trusts its roll and pitch no better than to {degrees(found.tilt_rad):.1f}°, their mean "
@@ -221,11 +221,9 @@ def _keyframes(estimate: Estimate, names: list[str]) -> str:
 def _doubted(summary: Summary) -> list[str]:
     """Return a sentence for each warning that doubts an instrument and that the status does not name."""
     lines = []
-    for doubt in doubts(summary.warnings):
-        if doubt.line not in summary.status:
-            colon = ":" if doubt.line.startswith(f"{doubt.stream}:") else ""
-            text = f"{STREAM_WORDS[doubt.stream]}{colon} {doubt.found}"
-            lines.append(f"{text[0].upper()}{text[1:]}.")
+    for doubt in doubts(by_kind(summary.messages).others):
+        text = f"{STREAM_WORDS[doubt.about]}{':' * doubt.begins_with_colon} {doubt.finding}"
+        lines.append(f"{text[0].upper()}{text[1:]}.")
     return lines
 
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from backend.wording import counted, either
-from slam.core.messages import by_kind
+from slam.core.messages import Message, by_kind
 from slam.core.units import SPACE, area, percent
-from slam.report.answers.streams import doubts
+from slam.report.answers.streams import doubted, doubts
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
 
@@ -97,13 +97,13 @@ def _missing(facts: Facts, mosaic: MosaicFacts | None) -> str:
     return f" Ground is missing: {text}." if lines else ""
 
 
-def what_ok_means(warnings: Sequence[str], ground_is_missing: bool) -> str:
-    """Return what the status ok says of a map, except for what its ``warnings`` doubt."""
-    doubted = [doubt.sentence for doubt in doubts(warnings)]
+def what_ok_means(messages: Sequence[Message], ground_is_missing: bool) -> str:
+    """Return what the status ok says of a map, except for what its ``messages`` doubt."""
+    found = [doubted(message) for message in doubts(messages)]
     text = "all measurements that this map uses agree with each other"
-    if doubted:
-        text += f", with {either(len(doubted), 'one exception', 'exceptions')}: {'; '.join(doubted)}"
-    if count := len(by_kind(warnings).warnings):
+    if found:
+        text += f", with {either(len(found), 'one exception', 'exceptions')}: {'; '.join(found)}"
+    if count := len(by_kind(messages).warnings):
         text += f"; see the {either(count, 'warning', 'warnings')} below “In short”"
         text += ": ground is missing" if ground_is_missing else ""
     return f"{text}."

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tuple[str, ...]]:
     """Return whether heights are true and from where they count; and lines about those of the ground, about
     differences near each other, and about those of a camera."""
-    tilted = is_tilt_doubted(summary.warnings)
+    tilted = is_tilt_doubted(summary.messages)
     over_m, worst_m = typical_height_std(estimate), largest_height_std(estimate)
     text = (
         f"{_verdict(estimate, facts, summary.status, over_m if not tilted else None)} Heights {facts.datum}."

@@ -9,7 +9,7 @@ import numpy as np
 
 from backend.wording import counted
 from slam.core.estimate import Estimate
-from slam.core.messages import by_kind, reasons_of
+from slam.core.messages import by_kind
 from slam.core.units import SPACE, percent
 from slam.report.answers.accuracy import (
     least_certain,
@@ -82,10 +82,8 @@ def pilots_answers(
 
 
 def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
-    found = by_kind(summary.warnings)
-    named = reasons_of(summary.status, summary.warnings)
-    others = sum(line not in named for line in found.warnings)
-    more = _count_of(others, "warning stands", "warnings stand", "under Warnings, with what to do")
+    found = by_kind(summary.messages)
+    more = _count_of(len(found.others), "warning stands", "warnings stand", "under Warnings, with what to do")
     notes = _count_of(len(found.notes), "note needs", "notes need", "no action")
     words = "".join(f" {text}." for text in (more, notes) if text)
     if summary.status == "ok":
@@ -94,7 +92,7 @@ def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
             f"; its lengths were compared with known distances on the ground ({RESULT})",
         )
         doubt = alone if estimate.accuracy_basis else ""
-        excepted = ", except for what a warning doubts" if doubts(summary.warnings) else ""
+        excepted = ", except for what a warning doubts" if doubts(summary.messages) else ""
         return (
             f"Yes, {_purpose(estimate, facts, summary)}{doubt}. The measurements that the map uses agree "
             f"within the accuracy below{excepted}.{words}"
@@ -110,7 +108,7 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         return "to find things and to compare lengths with each other; not in metres"
     good, ground = "to find things, and to measure distances and areas", estimate.ground
     flat = "not for heights of the ground, which was taken as flat"
-    if is_tilt_doubted(summary.warnings):
+    if is_tilt_doubted(summary.messages):
         near = only_near(estimate, facts)
         return f"{good}; {flat}; {near}" if without_heights(estimate) else f"{good}; {near}"
     if ground is not None and ground.is_measured:
@@ -139,7 +137,7 @@ def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
             f"known distances on the ground do ({RESULT}).",
         )
     )
-    warned = by_kind(summary.warnings).warnings
+    warned = by_kind(summary.messages).warnings
     trusted = f" {facts.condition}" * bool(estimate.accuracy_basis)
     doubted = (
         " What a warning on this page or “What failed?” below names is excepted."

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
-from slam.core.messages import reasons_of, sentences
+from slam.core.messages import by_kind
 from slam.core.units import unit
 from slam.core.version import VERSION
 from slam.report.answers.advice import limit_sentence
@@ -61,7 +61,7 @@ def write_map_page(
         version=VERSION,
         sentence=sentence(facts, status, ground),
         limit=limit_sentence(estimate.information_shares, facts.metric, ground is not None),
-        reasons=tuple(map(sentences, reasons_of(status, estimate.warnings))),
+        reasons=[message.sentences for message in by_kind(estimate.messages).reasons],
         is_graph=facts.is_graph,
         data=_in_script(data),
     )

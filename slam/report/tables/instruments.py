@@ -176,7 +176,7 @@ def _weighed(estimate: Estimate, name: str) -> str:
 def _doubts(estimate: Estimate, flight: Flight, name: str) -> list[str]:
     """Return what warnings find of a stream, each up to its first colon, and the drift of the heading."""
     stream = _STREAMS[name].name
-    found = [doubt.verdict for doubt in doubts(estimate.warnings) if doubt.concerns(stream)]
+    found = [m.verdict for m in doubts(estimate.messages) if stream == m.about or stream in m.finding]
     if name == "attitude" and (drift := heading_doubt(estimate, flight)):
         found.append(drift)
     return found
@@ -186,8 +186,7 @@ def _doubted(estimate: Estimate, name: str, found: list[str]) -> str:
     """Return whether a stream is doubted, and why; a note names what the accuracy counts."""
     if found:
         return f"yes: {'; '.join(found)}"
-    notes = by_kind(estimate.warnings).notes
-    noted = any(line.startswith(f"{_STREAMS[name].name}:") for line in notes)
+    noted = any(m.about == _STREAMS[name].name for m in by_kind(estimate.messages).notes)
     return "no; a note above names an error, which the stated accuracy includes" if noted else "no"
 
 

@@ -16,7 +16,7 @@ from slam.cli.output_folder import OPTIMIZE_NAMES, RASTERS_IN_SYSTEM, output_fol
 from slam.cli.results import _write_in_system
 from slam.core.flight import Gps
 from slam.core.geodesy import GeoOrigin, geodetic_from_enu
-from slam.core.messages import Note
+from slam.core.messages import Kind, as_message
 from slam.io.exports.geotiff import RASTERS
 from slam.io.flight_folder import write_flight
 from slam.io.geotiff import Grid, write_bands
@@ -74,8 +74,8 @@ def elevation(folder, origin):
 def test_the_files_belong_to_the_output_that_a_new_run_replaces(tmp_path):
     with output_folder(tmp_path / "out") as folder:
         (note,) = _write_in_system(folder, elevation(folder, ORIGIN), "utm")
-    assert isinstance(note, Note)
-    assert "elevation_crs.tif: coordinate system: EPSG:32618" in note
+    assert note.kind is Kind.NOTE
+    assert "elevation_crs.tif: coordinate system: EPSG:32618" in note.text
     assert {"elevation.tif", "elevation_crs.tif"} < set(os.listdir(tmp_path / "out"))
     for name in ("elevation_crs.tif", "elevation.tif", "mosaic_quality_crs.tif", "mosaic_chain.png"):
         (tmp_path / "out" / f"{name}.aux.xml").write_text("statistics of a GIS")
@@ -86,8 +86,8 @@ def test_the_files_belong_to_the_output_that_a_new_run_replaces(tmp_path):
 
 def test_a_map_is_kept_whose_rasters_the_system_cannot_hold(tmp_path):
     (warning,) = _write_in_system(tmp_path, elevation(tmp_path, GeoOrigin(10.0, 180.0, 0.0)), "EPSG:3857")
-    assert not isinstance(warning, Note)
-    assert "elevation.tif lies across" in warning
+    assert as_message(warning).kind is Kind.WARNING
+    assert "elevation.tif lies across" in str(warning)
     assert os.listdir(tmp_path) == ["elevation.tif"]
 
 

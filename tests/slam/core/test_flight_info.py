@@ -17,6 +17,7 @@ from slam.core.control_points import SurveyedPoint
 from slam.core.flight import Flight, Imu, Sonar
 from slam.core.flight_info import describe
 from slam.core.instrument_readings import inertial_readings
+from slam.core.messages import about
 from slam.core.stream_anomalies import camera_anomalies, clipping_anomalies
 from slam.io.flight_folder import read_flight
 from tests.slam.io.made_flight import made_flight
@@ -78,8 +79,8 @@ def test_a_calibration_of_another_resolution_is_reported(focal_px, center_px, ex
     found = camera_anomalies(Camera(focal_px, center_px, (640, 480)))
     assert len(found) == len(expected)
     for line, words in zip(found, expected, strict=True):
-        assert words in line
-        assert "another resolution or crop than 640 x 480" in line
+        assert words in line.text
+        assert "another resolution or crop than 640 x 480" in line.text
 
 
 def test_sonar_anomalies_are_reported():
@@ -155,7 +156,7 @@ def test_a_few_readings_at_the_end_of_the_range_are_reported_and_rounded_ones_ar
     turning = 6.0 * np.exp(-(((t - 15.0) / 0.1) ** 2))[:, None] * [0, 0, 1]
     gyro = turning + rng.normal(0, 0.02, (len(t), 3))
     (line,) = clipping_anomalies(Imu(t, np.clip(gyro, -4.363, 4.363), force))
-    assert "imu0: 23 of the readings of the gyro are at the end of its range" in line
+    assert "imu0: 23 of the readings of the gyro are at the end of its range" in line.text
     assert clipping_anomalies(Imu(t, gyro, force)) == []
     for seed in range(20):
         rounded = np.random.default_rng(seed).normal(0, 1.0, (len(t), 3)).round(1) / 50
@@ -229,7 +230,7 @@ def test_texts_are_printed_without_markup():
         made_flight(),
         name="[bold]not markup[/]\x1b[31m\nline",
         notes={"place": "[red]hall[/red]" + "x" * 2000},
-        warnings=("imu0: [link=http://a]3 rows[/link] dropped\n",),
+        messages=(about("imu0", "[link=http://a]3 rows[/link] dropped\n"),),
         sonar=None,
         gps=None,
     )

@@ -1,4 +1,4 @@
-"""Kinds of messages, and their sentences."""
+"""Messages: their kinds, what they are about, and their sentences."""
 
 from __future__ import annotations
 
@@ -7,7 +7,18 @@ from dataclasses import replace
 
 import pytest
 
-from slam.core.messages import Note, by_kind, is_note, reasons_of, same_kind, sentences, with_notes
+from slam.core.messages import (
+    Kind,
+    Message,
+    about,
+    as_message,
+    as_note,
+    as_reason,
+    by_kind,
+    extended,
+    joined,
+    of_flight,
+)
 from slam.core.summary import summarise
 from slam.io.estimate import read_estimate, write_estimate
 from slam.io.flight_folder import read_flight
@@ -15,35 +26,51 @@ from slam.io.flight_writer import write_flight
 from tests.slam.io.made_flight import made_flight
 from tests.slam.made_estimate import made_estimate
 
-WARNING, NOTE = (
-    "sonar0: stuck; repair it",
-    Note("times from the camera's clock; the map does not depend on it"),
-)
+WARNING = about("sonar0", "stuck: no echo; repair it")
+NOTE = as_note("times from the camera's clock; the map does not depend on it")
+REASON = as_reason("the map is in 2 parts; fly again")
 
 
-def test_a_kind_survives_shortening_and_other_processes():
-    assert by_kind([NOTE, WARNING]) == ((WARNING,), (NOTE,))
-    assert is_note(same_kind(NOTE, "part: x"))
-    assert not is_note(same_kind(WARNING, "part: x"))
-    assert is_note(pickle.loads(pickle.dumps(NOTE)))
-    assert [is_note(line) for line in with_notes([WARNING, str(NOTE)], [NOTE])] == [False, True]
+def test_a_message_keeps_its_kind_and_what_it_is_about_when_its_text_changes():
+    assert of_flight("part", WARNING) == Message("part: sonar0: stuck: no echo; repair it", about="sonar0")
+    assert extended(NOTE, "x").kind is Kind.NOTE
+    assert pickle.loads(pickle.dumps(NOTE)) == NOTE
 
 
-def test_a_kind_survives_the_files_of_a_map(tmp_path):
-    estimate = replace(made_estimate(), warnings=(WARNING, NOTE))
+def test_a_message_has_its_finding_and_the_next_step():
+    for message in (WARNING, of_flight("part", WARNING)):
+        assert (message.finding, message.verdict) == ("stuck: no echo", "stuck")
+        assert message.next_step == "repair it"
+        assert message.begins_with_colon
+    leans = Message("attitude0 leans (5°; 2 sigmas)", about="attitude0")
+    assert (leans.finding, leans.next_step) == ("leans (5°; 2 sigmas)", "")
+    assert not leans.begins_with_colon
+
+
+def test_the_status_is_made_of_the_reasons():
+    """A text that is a reason and a message of the flight too stands once, among the reasons."""
+    messages = joined("other", NOTE, as_reason(WARNING), REASON, WARNING, "")
+    assert messages == (as_reason(WARNING), REASON, as_message("other"), NOTE)
+    assert by_kind(messages).status == f"{WARNING}; {REASON}"
+    assert by_kind((NOTE, WARNING)).status == "ok"
+
+
+def test_messages_survive_the_files_of_a_map(tmp_path):
+    estimate = replace(made_estimate(), messages=(REASON, WARNING, NOTE))
     write_estimate(estimate, tmp_path)
     found = read_estimate(tmp_path)
-    assert found.warnings == estimate.warnings
-    assert [is_note(line) for line in found.warnings] == [False, True]
+    assert found.messages == estimate.messages
     record = summarise(found).to_json()
-    assert record["warnings"] == [WARNING, NOTE]
-    assert record["notes"] == [NOTE]
+    assert record["status"] == REASON.text
+    assert record["warnings"] == [REASON.text, WARNING.text, NOTE.text]
+    assert record["notes"] == [NOTE.text]
 
 
-def test_a_kind_survives_the_files_of_a_flight(tmp_path):
-    write_flight(replace(made_flight(), warnings=(WARNING, NOTE)), tmp_path / "flight")
-    found = read_flight(tmp_path / "flight").warnings
-    assert {line: is_note(line) for line in found if line in (WARNING, NOTE)} == {WARNING: False, NOTE: True}
+def test_messages_survive_the_files_of_a_flight(tmp_path):
+    write_flight(made_flight().with_warning(WARNING, NOTE), tmp_path / "flight")
+    found = {message.text: message for message in read_flight(tmp_path / "flight").messages}
+    assert found[WARNING.text] == WARNING
+    assert found[NOTE.text].kind is Kind.NOTE
 
 
 @pytest.mark.parametrize(
@@ -60,13 +87,4 @@ def test_a_kind_survives_the_files_of_a_flight(tmp_path):
     ],
 )
 def test_clauses_become_sentences(line, said):
-    assert sentences(line) == said
-
-
-def test_the_reasons_of_a_status_are_found_among_the_messages():
-    """A reason may hold semicolons itself, and another message may be a part of it."""
-    first, second = "gps0: off; it moves poses; check it", "the map is in 2 parts"
-    lines = ("off; it moves", second, "other", first)
-    assert reasons_of(f"{first}; {second}", lines) == (first, second)
-    assert reasons_of("ok", lines) == ()
-    assert reasons_of(f"{first}; unknown", lines) == (f"{first}; unknown",)
+    assert Message(line).sentences == said

@@ -17,7 +17,7 @@ def read(range_m: np.ndarray) -> Flight:
 def test_a_copied_block_is_told_with_both_times():
     range_m = np.random.default_rng(0).normal(1.0, 0.01, 400)
     range_m[300:361] = range_m[100:161]
-    (line,) = repeated_readings(read(range_m))
+    (line,) = map(str, repeated_readings(read(range_m)))
     assert line.startswith("sonar0: its readings from 15.0 to 18.0 s repeat exactly those from 5.0 to 8.0 s")
     assert line in describe(read(range_m)).anomalies
 

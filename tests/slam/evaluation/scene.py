@@ -44,7 +44,6 @@ def estimate_of(w_T_b: np.ndarray, step_s: float = 0.25, **changes: object) -> E
     n = len(w_T_b)
     made = Estimate(
         name="made",
-        status="ok",
         epoch_ns=1_700_000_000_123_456_789,
         stamps_s=np.arange(n) * step_s,
         frame_names=tuple(f"{k:06d}.png" for k in range(n)),

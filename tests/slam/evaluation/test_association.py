@@ -11,6 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from slam.core.errors import InputError
 from slam.core.flight import Flight, Frames, GeoOrigin, Gps, Truth
 from slam.core.geodesy import geodetic_from_enu
+from slam.core.messages import about
 from slam.evaluation import evaluate
 from slam.evaluation.association import associate
 from slam.evaluation.coarse_truth import BETWEEN_ROWS
@@ -320,7 +321,7 @@ def test_parts_without_a_common_origin_are_not_compared():
 def test_a_truth_of_incomplete_rows_is_refused_with_what_was_dropped():
     flight = replace(
         flight_of(smooth_poses(np.random.default_rng(2), 5), truth=None),
-        warnings=("state_groundtruth_estimate0: 5 of 5 rows dropped: part of the pose missing",),
+        messages=(about("state_groundtruth_estimate0", "5 of 5 rows dropped: part of the pose missing"),),
     )
     with pytest.raises(InputError, match="5 of 5 rows dropped"):
         associate(estimate_of(smooth_poses(np.random.default_rng(2), 5)), flight)

@@ -25,7 +25,7 @@ AT_S = 12.0
 def contradictions(flight: Flight) -> list[str]:
     motion = ImuMotion.of(flight, InertialTrust())
     assert motion is not None
-    return level_contradictions(flight, motion)
+    return list(map(str, level_contradictions(flight, motion)))
 
 
 @pytest.fixture(scope="module")

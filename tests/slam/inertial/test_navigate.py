@@ -15,6 +15,7 @@ from backend.ekf import records as status
 from slam.cli import app
 from slam.cli.estimate import figures
 from slam.core.errors import InputError
+from slam.core.messages import joined
 from slam.core.progress import COMPILING
 from slam.core.units import length
 from slam.evaluation import evaluate
@@ -218,7 +219,7 @@ def test_downweighted_readings_are_not_reported_as_rejected(flight, navigation):
 
 
 def test_long_list_of_warnings_is_truncated_with_a_count(navigation):
-    many = replace(navigation.estimate, warnings=tuple(f"w{k}" for k in range(12)))
+    many = replace(navigation.estimate, messages=joined(*(f"w{k}" for k in range(12))))
     rows = figures(replace(navigation, estimate=many)).rows
     assert [text for name, text in rows if name == "warning"] == [f"w{k}" for k in range(8)]
     assert rows[-1] == ("", "and 4 more messages in summary.json")

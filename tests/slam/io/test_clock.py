@@ -27,7 +27,7 @@ def regular(rate_hz, seconds=60, seed=0, jitter=0.2):
 
 def one(stamps_ns, **options):
     tables, remarks = sort_by_time({"s": table(stamps_ns)}, **options)
-    return tables["s"], remarks
+    return tables["s"], list(map(str, remarks))
 
 
 def test_valid_stamps_are_unchanged():
@@ -67,6 +67,7 @@ def test_repeated_rows_and_equal_stamps_are_counted():
     values = np.arange(len(stamps), dtype=float)
     again = np.r_[0 : len(stamps), 300:400]
     tables, remarks = sort_by_time({"s": table(stamps[again], values[again])})
+    remarks = list(map(str, remarks))
     np.testing.assert_array_equal(tables["s"].stamps_ns, stamps)
     assert remarks == ["s: 100 repeated rows dropped, one of each is kept"]
     stamps[10] = stamps[9]
@@ -97,6 +98,7 @@ def test_streams_keep_their_alignment_over_a_jump(jump_ns):
     moment = START + 33 * 10**9
     jumped = {n: table(np.where(t < moment, t, t + jump_ns)) for n, t in true.items()}
     tables, remarks = sort_by_time(jumped)
+    remarks = list(map(str, remarks))
     assert len(remarks) == len(rates)
     off = {name: tables[name].stamps_ns - true[name] for name in rates}
     for name in rates:
@@ -137,6 +139,7 @@ def test_a_pause_is_not_a_jump():
 def both(stamps_ns):
     """Return all streams sorted together, and the remarks."""
     tables, remarks = sort_by_time({name: table(s) for name, s in stamps_ns.items()})
+    remarks = list(map(str, remarks))
     return {name: t.stamps_ns for name, t in tables.items()}, remarks
 
 

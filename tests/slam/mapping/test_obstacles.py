@@ -59,7 +59,7 @@ def test_echoes_from_boxes_are_distinguished_from_the_floor_whatever_the_scale_o
     # At its edge a box is met by a ray that is tilted a little: only few readings.
     assert (left_out & on_box).sum() > 0.9 * on_box.sum()
     assert (left_out & ~on_box).sum() < 0.1 * on_box.sum()
-    assert "obstacles" in found.warning
+    assert "obstacles" in found.warning.text
     masks = [found.masks(k) for k in range(len(over.frames))]
     shown = [mask for mask in masks if mask is not None]
     assert 0.3 * len(masks) < len(shown)
@@ -115,7 +115,7 @@ def test_a_sonar_that_reads_at_random_has_found_no_obstacles():
     broken = replace(over, sonar=replace(over.sonar, range_m=range_m))
     assert find_obstacles(broken, over.camera, *some_poses(over), 0.0, MaskingConfig()) is None
     echoes = echoes_in_map(broken.sonar, *some_poses(over), 0.0)
-    assert "do not fit the map's heights over the floor" in range_contradiction(echoes, MaskingConfig())
+    assert "do not fit the map's heights over the floor" in str(range_contradiction(echoes, MaskingConfig()))
 
 
 @pytest.mark.parametrize("gain", [0.75, 1.2])
@@ -126,7 +126,7 @@ def test_ranges_that_change_in_mid_flight_are_no_obstacles(gain: float):
     range_m = np.where(later, gain, 1.0) * over.sonar.range_m
     changed = replace(over, sonar=replace(over.sonar, range_m=range_m))
     assert find_obstacles(changed, over.camera, *some_poses(over), 0.0, MaskingConfig()) is None
-    line = range_contradiction(echoes_in_map(changed.sonar, *some_poses(over), 0.0), MaskingConfig())
+    line = str(range_contradiction(echoes_in_map(changed.sonar, *some_poses(over), 0.0), MaskingConfig()))
     assert "over the same ground" in line or "do not fit" in line
 
 
@@ -205,8 +205,8 @@ def test_pixels_and_echoes_are_switched_one_by_one():
     frames = range(len(over.frames))
     assert any(pixels.masks(k) is not None for k in frames)
     assert all(echoes.masks(k) is None for k in frames)
-    assert "pixels" in pixels.warning
-    assert "pixels" not in echoes.warning
+    assert "pixels" in pixels.warning.text
+    assert "pixels" not in echoes.warning.text
 
 
 def test_objects_below_the_least_range_are_masked_beside_measured_ones():

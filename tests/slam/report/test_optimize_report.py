@@ -16,7 +16,7 @@ from backend.measurements import LinkCheck, Rejection
 from slam.cli.tables import outcome_table
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import GeoOrigin, Truth
-from slam.core.messages import CHECKED_BY_ONE_DISTANCE
+from slam.core.messages import CHECKED_BY_ONE_DISTANCE, as_message, as_reason
 from slam.core.plot_style import ground_labels
 from slam.core.summary import summarise
 from slam.core.units import length
@@ -27,7 +27,7 @@ from slam.report.answers.left_out import left_out
 from slam.report.facts import gather
 from slam.report.optimize_report import Accuracy, Mosaics, render, write_report
 from slam.report.tables.evaluation import Evaluated, FigureTable
-from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
+from tests.slam.made_estimate import REJECTION, made_estimate, made_flight, saying
 
 HOSTILE = "<script>alert(1)</script>\n../../etc\x1b[31m\u202egnp.exe & \"quoted\" '$\\frac{x'"
 
@@ -66,11 +66,10 @@ def test_hostile_names_stay_text():
     hostile_loop = LoopVerdict(0, 9, Rejection(LinkCheck.OTHER, HOSTILE))
     estimate = replace(
         estimate,
-        status=HOSTILE,
         frame_names=(HOSTILE,) * len(estimate.frame_names),
         loops=(*estimate.loops, hostile_loop),
         rejected={HOSTILE: 3},
-        warnings=(HOSTILE, "lone surrogate \udcff"),
+        messages=(as_reason(HOSTILE), as_message("lone surrogate \udcff")),
     )
     flight = replace(made_flight(), name=HOSTILE, landmarks={HOSTILE: np.zeros(3)})
     html = render(estimate, summarise(estimate), flight)
@@ -81,7 +80,7 @@ def test_hostile_names_stay_text():
 
 
 def test_a_lone_surrogate_in_a_name_can_be_written(tmp_path):
-    estimate = replace(made_estimate(), warnings=("\udcff.jpg cannot be read",))
+    estimate = saying(made_estimate(), "\udcff.jpg cannot be read")
     write_report(tmp_path / "report.html", estimate, summarise(estimate), made_flight())
     assert ".jpg cannot be read" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
@@ -153,7 +152,7 @@ def test_the_sentence_says_what_a_position_is_relative_to():
         {"chain_w_T_b": np.full((60, 4, 4), np.nan), "odometry_w_T_b": np.full((60, 4, 4), np.nan)},
         {"component": np.repeat([0, 1, -1], 20)},
         {"origin": GeoOrigin(47.0, 8.0, 400.0)},
-        {"warnings": (), "rejected": {}, "timing_s": {}},
+        {"messages": (), "rejected": {}, "timing_s": {}},
         {"graph_error": float("nan")},
     ],
     ids=lambda change: "+".join(change) or "whole",
@@ -339,17 +338,17 @@ def test_a_flight_with_a_true_path_says_that_it_can_check_the_map(no_figures):
 
 
 def test_words_are_explained_where_the_page_has_them():
-    without = replace(made_estimate(), status="ok", warnings=())
-    named = replace(without, warnings=("cam0: the IMU leans; check T_BS in cam0/sensor.yaml",))
+    without = replace(made_estimate(), messages=())
+    named = saying(without, "cam0: the IMU leans; check T_BS in cam0/sensor.yaml")
     for word in ("sensor.yaml, T_BS", "Inertial measurement unit"):
         found = [word in page(estimate, made_flight()).text for estimate in (without, named)]
         assert found == [False, True]
     reason = "velocity0 reads 3.28 times the speed; check scale_std in velocity0/sensor.yaml"
-    in_status = replace(without, status=reason, warnings=(reason,))
+    in_status = replace(without, messages=(as_reason(reason),))
     assert "sensor.yaml, T_BS" in page(in_status, made_flight()).text, "the status stands above the rest"
 
 
 def test_the_status_names_the_doubt_that_it_excepts():
-    estimate = replace(made_estimate(), status="ok", warnings=("attitude0 is tilted by 5°: a slope; check",))
+    estimate = saying(made_estimate(), "attitude0 is tilted by 5°: a slope; check")
     told = page(estimate, made_flight()).text
     assert "agree with each other, with one exception: attitude0 is tilted by 5°; see the warning" in told

@@ -12,6 +12,7 @@ from frontend.workers import Workers
 from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
 from slam.core.flight import Frames
+from slam.core.messages import Kind, Message, by_kind
 from slam.core.names import listed
 from slam.io.exports.bag_messages import BODY, CAMERA, WORLD
 from slam.io.exports.exported_map import ExportedMap
@@ -101,9 +102,12 @@ def _write_once(file: FoxgloveFile, exported: ExportedMap) -> list[str]:
     """Write what belongs to no single keyframe at the first stamp, and return notes."""
     estimate, keyframes, camera = exported.estimate, exported.keyframes, exported.estimate.camera
     first_ns, notes = int(keyframes.stamps_ns[0]), []
-    for text in (f"status: {estimate.status}", *estimate.warnings):
-        is_warning = text != "status: ok"
-        file.add("/slam/log", first_ns, messages.log(first_ns, one_line(text), is_warning=is_warning))
+    status = Message(
+        f"status: {estimate.status}", Kind.REASON if by_kind(estimate.messages).reasons else Kind.NOTE
+    )
+    for message in (status, *estimate.messages):
+        is_warning = message.kind is not Kind.NOTE
+        file.add("/slam/log", first_ns, messages.log(first_ns, one_line(message.text), is_warning=is_warning))
     if camera is not None:
         mount = messages.transforms(first_ns, BODY, CAMERA, camera.b_T_c)
         file.add("/tf_static", first_ns, mount)

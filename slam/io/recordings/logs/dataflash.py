@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted, either
-from slam.core.messages import Note
+from slam.core.messages import as_note
 from slam.io.body_axes import angles_from_aviation
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import refusal
@@ -35,7 +35,7 @@ MARKS = b"\xa3\x95"
 _FMT = 128
 _US_PER_MS = 1000
 _CENTIVOLT = 0.01
-_TAKEN_AS_DOWN = Note("the log does not state where the sensor looks: taken as facing down")
+_TAKEN_AS_DOWN = as_note("the log does not state where the sensor looks: taken as facing down")
 _INSTANCES = ("I", "Instance", "Inst")
 """Names of the field that distinguishes several sensors of one kind."""
 _CODES: dict[str, tuple[str, float]] = {

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
 from backend.wording import counted, either
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.io.body_axes import angles_from_aviation, angles_from_ned_quaternion
 from slam.io.files import refusal
 from slam.io.gps_accuracy import with_accuracy
@@ -154,8 +154,8 @@ def open_recording(path: Path) -> Recording:
         {number: each for (sender, number), each in messages.items() if sender == system}
     )
     rules = (*RULES, *(_ardupilot_rules(series) if autopilot == "ArduPilot" else ()))
-    warnings: list[str] = [
-        Note("stamps are those of the autopilot, placed in the calendar by the earliest reception")
+    warnings: list[Line] = [
+        as_note("stamps are those of the autopilot, placed in the calendar by the earliest reception")
     ]
     if lost:
         warnings.append(
@@ -164,7 +164,7 @@ def open_recording(path: Path) -> Recording:
         )
     if doubles:
         line = f"{counted(doubles, 'message was', 'messages were')} received twice, and one of each counts"
-        warnings.append(Note(line))
+        warnings.append(as_note(line))
     metadata = {"vehicle": autopilot} if autopilot else {}
     unread = [(f"message {number}", "MAVLink", count) for number, count in sorted(others.items())]
     return field_recording(path, DESCRIPTION, series, rules, tuple(warnings), metadata, unread)

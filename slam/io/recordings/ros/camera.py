@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C, Camera
+from slam.core.messages import Line, as_unread
 from slam.io.down_looking import MAX_TILT_DEG, NOSE_AT_TOP, axis_tilt_deg, tilt_remark
 from slam.io.files import brief
 from slam.io.images import UnreadableImageError, encoded_size, suffix_of
@@ -60,7 +61,7 @@ def info_of(infos: Sequence[tuple[str, Message]], image_topic: str, frame: str) 
 
 def camera_of(
     info: Message | None, first: Message, b_T_c: Array | None, rectified: bool = False
-) -> tuple[Camera | None, list[str]]:
+) -> tuple[Camera | None, list[Line]]:
     """Return the camera of a ``CameraInfo``, and the assumptions; None with the reason where unusable.
 
     ``first`` is the first message with a picture, whose size holds for all. ``rectified``: whether pictures
@@ -68,12 +69,12 @@ def camera_of(
     """
     if info is None:
         why = "no CameraInfo beside the pictures, so the lens is unknown; treated as not recorded"
-        return None, [f"{why}; record camera_info with them"]
+        return None, [as_unread(f"{why}; record camera_info with them")]
     size_px = _size_of(first) or (int(info.width), int(info.height))
     try:
         lens, notes = lens_of(info, size_px, rectified)
     except UnknownLensError as reason:
-        return None, [f"{reason}; treated as not recorded"]
+        return None, [as_unread(f"{reason}; treated as not recorded")]
     if b_T_c is None:
         notes.append(NOSE_AT_TOP)
     elif (tilt := axis_tilt_deg(b_T_c[:3, 2])) > MAX_TILT_DEG:

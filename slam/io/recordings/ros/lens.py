@@ -14,7 +14,7 @@ from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from backend.measurements import LensModel
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.io.camera_folder import EQUIDISTANT
 from slam.io.lens_fit import fisheye_angles, fitted_radial, viewing_angles, within_view
 
@@ -41,7 +41,7 @@ class UnknownLensError(Exception):
     """A ``CameraInfo`` that describes no lens; the message is the reason and the next step."""
 
 
-def lens_of(info: Message, size_px: tuple[int, int], rectified: bool = False) -> tuple[Lens, list[str]]:
+def lens_of(info: Message, size_px: tuple[int, int], rectified: bool = False) -> tuple[Lens, list[Line]]:
     """Return the lens for pictures of ``size_px``, and a line for everything that is assumed.
 
     That of ``rectified`` pictures is ``P``, without distortion. Raises ``UnknownLensError``.
@@ -51,7 +51,7 @@ def lens_of(info: Message, size_px: tuple[int, int], rectified: bool = False) ->
         (fx, fy, cx, cy), notes = _in_picture(info, projection.reshape(3, 4), size_px)
         return Lens((fx, fy), (cx, cy)), [
             *notes,
-            Note("rectified pictures, by the name of their topic: focal length of P, no lens distortion"),
+            as_note("rectified pictures, by the name of their topic: focal length of P, no lens distortion"),
         ]
     matrix = np.asarray(getattr(info, "k", getattr(info, "K", np.zeros(9))), float).reshape(3, 3)
     coefficients = np.asarray(getattr(info, "d", getattr(info, "D", ())), float)
@@ -99,7 +99,7 @@ def _too_wide(model: str) -> str:
 
 def _in_picture(
     info: Message, matrix: Array, size_px: tuple[int, int]
-) -> tuple[tuple[float, float, float, float], list[str]]:
+) -> tuple[tuple[float, float, float, float], list[Line]]:
     """Return fx, fy, cx, cy in the pixels of the pictures, and a note where they are of another resolution.
 
     ``K`` refers to the full resolution; a region of interest and binning reduce the pictures

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from slam.core.height_systems import ELLIPSOID
+from slam.core.messages import Line
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.io.body_axes import angles_from_quaternion
 from slam.io.gps_accuracy import with_accuracy
@@ -53,7 +54,7 @@ class RosRule:
     """Reason not to take a topic that is not certain."""
     needs: tuple[str, ...] = ()
     """Fields that distinguish the versions of a message."""
-    remarks: Callable[[Array], tuple[str, ...]] = lambda rows: ()
+    remarks: Callable[[Array], tuple[Line, ...]] = lambda rows: ()
     """Return a line for everything that is dropped or assumed, from all rows."""
     vectors: tuple[slice, ...] = ()
     """Columns of each vector without which a row has no values."""

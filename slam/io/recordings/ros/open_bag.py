@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C
 from slam.core.flight import Image
+from slam.core.messages import Line
 from slam.io.content_key import digest_with, source_key
 from slam.io.files import brief
 from slam.io.images import UnreadableImageError, levels_of_sample, sample_of
@@ -171,7 +172,7 @@ class BagPictures:
         """(n,) time of recording of picture k, in the order of recording."""
         self._next = -1
         self._stream: Iterator[tuple[Any, int, Message]] = iter(())
-        self.notes: list[str] = []
+        self.notes: list[Line] = []
         """A line about the range of deep pixels."""
         self._levels = levels_of_sample(self._sample(), self.notes)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from backend.wording import either
 from frontend.camera import Camera
-from slam.core.messages import same_kind
+from slam.core.messages import Line, about
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG, Look, axis_tilt_deg
 from slam.io.files import brief, refusal
@@ -195,7 +195,7 @@ def _rule(offer: Offer) -> RosRule:
     return RULES[offer.rank]
 
 
-def _pass(bag: OpenBag, by_topic: dict[str, list[TopicSeries]], progress: Progress) -> list[str]:
+def _pass(bag: OpenBag, by_topic: dict[str, list[TopicSeries]], progress: Progress) -> list[Line]:
     """Read the messages of some topics; where the bag is damaged, keep what came before."""
     connections = [c for c in bag.connections if c.topic in by_topic]
     total = sum(c.msgcount for c in connections)
@@ -227,7 +227,7 @@ def _pass(bag: OpenBag, by_topic: dict[str, list[TopicSeries]], progress: Progre
     )
 
 
-def _one_clock(series: dict[str, TopicSeries]) -> list[str]:
+def _one_clock(series: dict[str, TopicSeries]) -> list[Line]:
     """Move streams whose headers have another clock than the other ones onto that of the recorder.
 
     A driver may state the time since the start of its device. Streams of one clock keep their times relative
@@ -238,7 +238,7 @@ def _one_clock(series: dict[str, TopicSeries]) -> list[str]:
         for name, each in series.items()
         if len(each.stamps_ns)
     }
-    shift_s, warnings = 0.0, []
+    shift_s, warnings = 0.0, list[Line]()
     if not late_s or max(late_s.values()) - min(late_s.values()) <= _LONGEST_TRANSPORT_S:
         return []
     previous_s = -np.inf
@@ -263,7 +263,7 @@ def _readings(
     rule = series.rule
     assert rule is not None
     stamps_ns, rows = series.table()
-    notes: list[str] = []
+    notes: list[Line] = []
     if companion is not None:
         own = all_series[companion.topic].table()
         rows = companion.complete((stamps_ns, rows), own, bag.mount_of(companion.topic))
@@ -288,14 +288,16 @@ def _readings(
     return StreamReadings(stamps_ns, rule.values(rows, mount), nominal, tuple(notes))
 
 
-def _camera(bag: OpenBag, topic: str, first: Message, b_T_c: Array | None) -> tuple[Camera | None, list[str]]:
+def _camera(
+    bag: OpenBag, topic: str, first: Message, b_T_c: Array | None
+) -> tuple[Camera | None, list[Line]]:
     return ros_camera.camera_of(bag.camera_info(topic), first, b_T_c, ros_camera.is_rectified(topic))
 
 
-def _pictures(bag: OpenBag, topic: str, series: TopicSeries) -> tuple[PictureChannel | None, list[str]]:
+def _pictures(bag: OpenBag, topic: str, series: TopicSeries) -> tuple[PictureChannel | None, list[Line]]:
     camera, notes = _camera(bag, topic, series.first, bag.mount_of(topic))
     if camera is None:
-        return None, [same_kind(line, f"cam0: {topic}: {line}") for line in notes]
+        return None, [about("cam0", about(topic, line)) for line in notes]
     suffix = ros_camera.suffix_of_message(series.first)
     connections = [c for c in bag.connections if c.topic == topic]
     fetch = BagPictures(bag, connections, np.array(series.recorded_ns, dtype=np.int64))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted
+from slam.core.messages import Line
 from slam.io.recordings.ros.messages import RosRule
 from slam.io.recordings.ros.px4 import PACKAGE
 
@@ -71,7 +72,7 @@ class TopicSeries:
             names.append(f"{stamp_ns}_{number}{suffix}" if number else f"{stamp_ns}{suffix}")
         return tuple(names)
 
-    def notes(self) -> list[str]:
+    def notes(self) -> list[Line]:
         """Return a line where stamps are those of the recorder."""
         if not self.without_stamp:
             return []

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted, either
 from slam.core.geodesy import position_fault
-from slam.core.messages import Note, same_kind
+from slam.core.messages import Line, about, as_note
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.body_axes import angles_from_aviation
 from slam.io.files import read_bytes, refuse_other_content, without_zero_tail
@@ -79,7 +79,7 @@ def _unless_held(values: Array) -> Converted:
     if held == 0:
         return kept, ()
     repeat = counted(held, "row repeats", "rows repeat")
-    return kept, (Note(f"{repeat} the value before and {either(held, 'is', 'are')} left out"),)
+    return kept, (as_note(f"{repeat} the value before and {either(held, 'is', 'are')} left out"),)
 
 
 def _height(fields: Fields) -> Converted:
@@ -148,7 +148,7 @@ class Table:
     series: FieldSeries
     unread: tuple[tuple[str, str, int], ...]
     """Name, type and number of rows of the columns that are not read."""
-    notes: tuple[str, ...]
+    notes: tuple[Line, ...]
     pictures: tuple[str, ...] = ()
     """Name of the picture of each reading, from the folder of the table; empty without a column of them."""
     yaw_doubt: str = ""
@@ -199,10 +199,15 @@ def read_table(path: Path) -> Table:
         lines += sense.lines * (not _has_gimbal(fields))
     stamps_ns = np.round(times_s[known] * 1e9).astype(np.int64)
     left = tuple((title, "column", len(stamps_ns)) for title in unread)
-    notes += [same_kind(line, f"{path.name}: {line}") for line in lines]
     pictures = text_of(layout, found["picture"]) if "picture" in found else []
     names = tuple(name for name, has_time in zip(pictures, known, strict=bool(pictures)) if has_time)
-    return Table(FieldSeries(KIND, stamps_ns, fields), left, tuple(notes), names, doubt)
+    return Table(
+        FieldSeries(KIND, stamps_ns, fields),
+        left,
+        (*notes, *(about(path.name, line) for line in lines)),
+        names,
+        doubt,
+    )
 
 
 def _text_of(path: Path) -> tuple[str, list[str]]:

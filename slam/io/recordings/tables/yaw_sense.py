@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.io.files import brief
 from slam.io.recordings.logs.field_values import Fields, column, columns
 from slam.io.recordings.tables.columns import Column
@@ -33,7 +33,7 @@ class YawSense:
     """The fields of a table whose yaw has a known sense, or the doubt about it."""
 
     fields: Fields
-    lines: tuple[str, ...] = ()
+    lines: tuple[Line, ...] = ()
     """Messages that tell the sense and what tells it, or which one is taken."""
     doubt: str = ""
     """Why the yaw is not read without a request; empty for none."""
@@ -51,10 +51,10 @@ def with_sense(yaw: Column, fields: Fields) -> YawSense:
     by = " and ".join(found)
     if senses == {"clockwise"}:
         others = {name: values for name, values in fields.items() if name != "yaw"}
-        note = Note(f"{title} is clockwise from north by {by}; read as heading, with pitch up")
+        note = as_note(f"{title} is clockwise from north by {by}; read as heading, with pitch up")
         return YawSense({**others, "heading": fields["yaw"]}, (note,))
     if senses == {"counter-clockwise"}:
-        return YawSense(fields, (Note(f"{title} is counter-clockwise from east by {by}"),))
+        return YawSense(fields, (as_note(f"{title} is counter-clockwise from east by {by}"),))
     why = "the gyro and the positions contradict each other" if senses else "no other column tells its sense"
     lowest, highest = (
         np.nanmin(column(fields, "yaw"), initial=np.inf),

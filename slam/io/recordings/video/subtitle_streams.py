@@ -12,7 +12,7 @@ from frontend.camera import Camera
 from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.lens_priors import PLAUSIBLE_FOCAL, UNKNOWN_FOCAL_STD_RATIO
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, tilt_deg
@@ -54,7 +54,9 @@ def _readings(subtitles: Subtitles, values: Array, nominal: Mapping[str, Value])
     """Return the rows that differ from the row before; the others only hold it."""
     keep = changed_rows(values)
     held = int(np.isfinite(values[:, 0]).sum() - keep.sum())
-    notes = (Note(f"{held} of {held + int(keep.sum())} subtitles repeat the value before and were dropped"),)
+    notes = (
+        as_note(f"{held} of {held + int(keep.sum())} subtitles repeat the value before and were dropped"),
+    )
     stamps_ns = np.round(subtitles.stamps_s[keep] * 1e9).astype(np.int64)
     return StreamReadings(stamps_ns, values[keep], nominal, notes * bool(held))
 
@@ -125,7 +127,7 @@ def video_camera(
     subtitles: Subtitles | None,
     has_angles: bool,
     by_model: ModelLens | None = None,
-) -> tuple[Camera, list[str]]:
+) -> tuple[Camera, list[Line]]:
     """Return the camera of a video, and the assumptions, one line each.
 
     ``has_angles`` states that the recording has an attitude. The focal length of the subtitles is that of the
@@ -133,7 +135,7 @@ def video_camera(
     """
     width, height = size_px
     focal_mm = np.empty(0) if subtitles is None else _focal_mm(subtitles)
-    notes = list[str]()
+    notes = list[Line]()
     if implausible := _implausible_focal(focal_mm, size_px):
         notes.append(implausible)
         focal_mm = np.empty(0)
@@ -142,7 +144,9 @@ def video_camera(
         film_mm = float(np.median(focal_mm))
         focal_px = film_mm / FILM_WIDTH_MM * width
         notes.append(
-            Note(f"focal length {focal_px:.0f} px from {film_mm:g} mm on 35 mm film; no distortion assumed")
+            as_note(
+                f"focal length {focal_px:.0f} px from {film_mm:g} mm on 35 mm film; no distortion assumed"
+            )
         )
         if focal_mm.max() > _ZOOM_RATIO * focal_mm.min():
             zooms = f"from {focal_mm.min():g} to {focal_mm.max():g} mm"
@@ -151,7 +155,7 @@ def video_camera(
             )
     elif by_model is not None:
         focal_px, distortion = by_model.focal_px, by_model.distortion
-        notes.append(Note(f"focal length {focal_px:.0f} px {by_model.remark}"))
+        notes.append(as_note(f"focal length {focal_px:.0f} px {by_model.remark}"))
     else:
         focal_px, std_ratio = assumed_focal_px(size_px), UNKNOWN_FOCAL_STD_RATIO
         notes.append(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}; calibrate the camera")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.errors import InputError
-from slam.core.messages import Note
+from slam.core.messages import Line, as_note
 from slam.io.recordings.recording import Recording
 from slam.io.recordings.tables.table import Table, read_table, recording_of
 
@@ -21,7 +21,7 @@ the file meanwhile. A record of the flight tells the switch.
 """
 
 
-def table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[str, ...]]:
+def table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[Line, ...]]:
     """Return the table with the name of a video, and lines about its times or why it is not used.
 
     ``stamps_s`` (n,) are those of the pictures. A table that tells when the camera filmed is that of the
@@ -35,7 +35,7 @@ def table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[s
         table = read_table(found[0])
     except InputError as fault:
         return None, (f"{name} beside the video is not used: {fault}",)
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Line, ...] = ()
     if "is_video" in table.series.fields:
         start_s, why = _start_of_video(table, video_s)
         if start_s is None:
@@ -43,7 +43,7 @@ def table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[s
         rows = len(table.series.stamps_ns)
         table = _cut(table, start_s, video_s)
         used = f"{len(table.series.stamps_ns)} of {rows} rows"
-        remarks = (Note(f"{name}: {used}, from {start_s:.1f} s on, belong to the video by {why}"),)
+        remarks = (as_note(f"{name}: {used}, from {start_s:.1f} s on, belong to the video by {why}"),)
     times_s: Array = np.asarray(table.series.stamps_ns * 1e-9, float)
     slack_s = 2 * _SWITCH_S  # a logger that the camera switches may begin before it and end after it
     if not len(times_s) or times_s.min() < -slack_s or times_s.max() > video_s + slack_s:
@@ -87,7 +87,7 @@ def _cut(table: Table, start_s: float, video_s: float) -> Table:
     return replace(table, series=replace(table.series, stamps_ns=stamps_ns[during], fields=fields))
 
 
-def coverage(name: str, stamps_s: Array, video_s: float) -> tuple[str, ...]:
+def coverage(name: str, stamps_s: Array, video_s: float) -> tuple[Line, ...]:
     """Return a warning where readings (n,) beside a video begin late or end early."""
     # Each reading holds until the next; the last one for as long as the others. A switch starts loggers too.
     stamps_s = np.sort(stamps_s)

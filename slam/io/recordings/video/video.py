@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import either
+from slam.core.messages import Line, about
 from slam.core.progress import Progress
 from slam.io.content import HEAD_BYTES
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
@@ -59,7 +60,7 @@ class _Video:
     """Number of pictures that the decoder holds back, where the file has the times of packets only."""
     lens: ModelLens | None = None
     gopro: GoproTrack | None = None
-    damage: tuple[str, ...] = ()
+    damage: tuple[Line, ...] = ()
 
 
 def open_recording(path: Path, *subtitles: Path) -> Recording:
@@ -130,17 +131,20 @@ def lasts_as_long(path: Path, subtitles: Path) -> bool:
     return bool((np.abs(ends_s) <= _LONGEST_CUE_S).all())
 
 
-def _remarks_of_gopro(gopro: GoproTrack | None) -> Iterator[str]:
+def _remarks_of_gopro(gopro: GoproTrack | None) -> Iterator[Line]:
     """Yield a warning where the camera says that it turned its pictures, or that it does not look down."""
     if gopro is None:
         return
     if aside := _looks_aside(gopro):
-        yield f"cam0: {aside}"
+        yield about("cam0", aside)
     if gopro.stabilised_deg >= _STABILISED_DEG:
         yield (
-            "cam0: pictures are stabilised electronically, by up to "
-            f"{gopro.stabilised_deg:.0f} degrees by the camera's own record (IORI), so the lens differs "
-            "from picture to picture; record with the stabilisation (HyperSmooth) off"
+            about(
+                "cam0",
+                "pictures are stabilised electronically, by up to "
+                f"{gopro.stabilised_deg:.0f} degrees by the camera's own record (IORI), so the lens differs "
+                "from picture to picture; record with the stabilisation (HyperSmooth) off",
+            )
         )
 
 
@@ -215,7 +219,7 @@ def _opened(path: Path) -> _Video:
     return _Video(stamps_s, size_px, is_timed, subtitles, name, held_back, lens, gopro, damage)
 
 
-def _lost_pictures(track: Mp4Track) -> tuple[str, ...]:
+def _lost_pictures(track: Mp4Track) -> tuple[Line, ...]:
     """Return a line where pictures of the index lie beyond the end of the file."""
     line = (
         f"the file is cut short: {track.lost} of {len(track.sizes)} pictures of its index lie beyond its end "
@@ -224,7 +228,7 @@ def _lost_pictures(track: Mp4Track) -> tuple[str, ...]:
     return (line,) * bool(track.lost)
 
 
-def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str, tuple[str, ...]]:
+def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str, tuple[Line, ...]]:
     """Return the subtitles beside a video, else those inside it; their name, and a line about damage."""
     beside = [p for p in path.parent.iterdir() if p.stem == path.stem and p.suffix.lower() == ".srt"]
     if beside:
@@ -262,7 +266,7 @@ def subtitles_of_track(path: Path, track: Mp4Track) -> tuple[Subtitles, int]:
     return parse_subtitles("\n".join(cues)), lost
 
 
-def _coverage(video: _Video) -> tuple[str, ...]:
+def _coverage(video: _Video) -> tuple[Line, ...]:
     """Return a warning where the subtitles are empty, or begin late or end early."""
     if video.subtitles is None or not len(video.stamps_s):
         return ()

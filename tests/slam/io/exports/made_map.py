@@ -43,7 +43,7 @@ def made_map(*poses: np.ndarray, **changes) -> Estimate:
         "loops": (),
         "chain_w_T_b": np.array(poses),
         "odometry_w_T_b": np.array(poses),
-        "warnings": (),
+        "messages": (),
     }
     return replace(made_estimate(2, name="made map"), **{**fields, **changes})
 

@@ -16,6 +16,7 @@ from slam.core.errors import InputError
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import Flight, Frames
 from slam.core.geodesy import GeoOrigin
+from slam.core.messages import about, as_reason
 from slam.io.exports.formats import export_map
 from slam.io.geotiff import Block, Grid, write_bands, write_geotiff
 from slam.io.recordings.assemble import flight_of
@@ -63,8 +64,7 @@ def whole(tmp_path_factory) -> Path:
         camera=WIDE,
         relative_poses=(edge("odometry"), edge("loop")),
         loops=(rejected,),
-        status="scale rests on GPS",
-        warnings=("cam0: 1 picture lost",),
+        messages=(as_reason("scale rests on GPS"), about("cam0", "1 picture lost")),
         floor_z_m=-0.5,
     )
     rasters(folder, Grid(-4.0, 6.0, 1.0, 8, 6))
@@ -94,7 +94,7 @@ def test_checksums_index_and_statistics_agree_with_the_messages(whole):
         )
         (facts,) = reader.iter_metadata()
     assert sorted(straight) == sorted(by_index)
-    assert summary.statistics.message_count == len(straight) == 16
+    assert summary.statistics.message_count == len(straight) == 17
     assert summary.statistics.message_start_time == FIRST_NS
     assert summary.statistics.message_end_time == FIRST_NS + 10**9
     assert all(channel.schema_id in summary.schemas for channel in summary.channels.values())
@@ -188,7 +188,7 @@ def test_places_status_and_warnings(whole):
     np.testing.assert_allclose(np.reshape(fix.position_covariance, (3, 3)), np.diag([4.0, 1, 9]), atol=1e-12)
     assert fix.position_covariance_type == fix.KNOWN
     lines = [message.message for _, message in messages(whole, "/slam/log")]
-    assert lines == ["status: scale rests on GPS", "cam0: 1 picture lost"]
+    assert lines == ["status: scale rests on GPS", "scale rests on GPS", "cam0: 1 picture lost"]
 
 
 def test_an_unknown_altitude_is_no_number(tmp_path):

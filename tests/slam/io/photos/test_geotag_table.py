@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.core.messages import is_note
+from slam.core.messages import Kind
 from slam.io.photos.import_photos import import_photos
 from tests.slam.io.photos.photo_files import fill, strip, warned
 
@@ -41,7 +41,7 @@ def test_texts_that_are_not_read_are_named(tmp_path):
     others |= {"frames.csv": b"time [s],filename,range [m]\n0,P0.jpg,1\n"}
     flight = import_photos(fill(tmp_path, strip(2) | others))
     (line,) = warned(flight, "3 files beside the photographs are not read (notes.txt, times.csv, track.gpx)")
-    assert is_note(line)
+    assert next(m for m in flight.messages if m.text == line).kind is Kind.NOTE
     assert warned(flight, "frames.csv tells times of pictures", f"give it itself, {tmp_path}/frames.csv")
 
 

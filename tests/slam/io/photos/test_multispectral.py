@@ -102,7 +102,8 @@ def tags_of(tmp_path, values, size, **options):
 
 def test_the_perspective_lens_of_the_tags(tmp_path):
     """Pix4D's order is R1, R2, R3, T1, T2, and the principal point is in millimetres from the corner."""
-    camera, (remark,) = photo_camera([tags_of(tmp_path, COLOUR, (1226, 960))])
+    camera, (message,) = photo_camera([tags_of(tmp_path, COLOUR, (1226, 960))])
+    remark = str(message)
     assert camera.focal_px == pytest.approx((4.88 * PX_PER_MM,) * 2)
     assert camera.center_px == pytest.approx((2.3 * PX_PER_MM - 0.5, 1.8 * PX_PER_MM - 0.5))
     assert camera.distortion == (-0.05, 0.01, 0.0004, -0.0003, 0.002)
@@ -121,7 +122,8 @@ def fisheye_pixels(directions):
 
 
 def test_the_fisheye_lens_of_the_tags(tmp_path):
-    camera, (remark,) = photo_camera([tags_of(tmp_path, FISHEYE, (1280, 960))])
+    camera, (message,) = photo_camera([tags_of(tmp_path, FISHEYE, (1280, 960))])
+    remark = str(message)
     rng = np.random.default_rng(0)
     directions = np.column_stack([rng.uniform(-0.6, 0.6, (500, 2)) * [1, 0.75], np.ones(500)])
     expected = fisheye_pixels(directions) + np.array([2.45, 1.75]) * PX_PER_MM - 0.5
@@ -140,7 +142,8 @@ def test_the_fisheye_lens_of_the_tags(tmp_path):
 
 def test_a_fisheye_of_too_wide_a_view_is_reported(tmp_path):
     wide = FISHEYE | {"FisheyeAffineMatrix": "700,0,0,700"}
-    camera, (remark,) = photo_camera([tags_of(tmp_path, wide, (1280, 960))])
+    camera, (message,) = photo_camera([tags_of(tmp_path, wide, (1280, 960))])
+    remark = str(message)
     assert not camera.is_distorted
     assert "the view of its fisheye is too wide" in remark
 

@@ -25,7 +25,7 @@ def test_sensor_resolution_refers_to_the_original_size():
     assert camera.focal_px[0] == pytest.approx(1452, abs=0.5)
     assert camera.center_px == (999.5, 749.5)
     assert (camera.focal_std_ratio, camera.aspect_std_ratio, camera.radial_std) == (0.03, 0.0, 0.1)
-    assert "scaled from 4000 to 2000 px" in remarks[0]
+    assert "scaled from 4000 to 2000 px" in str(remarks[0])
     assert focal(replace(CANON, size_px=(4000, 3000))) == pytest.approx(2904.4, abs=1)
     assert focal(replace(CANON, size_px=(1500, 2000))) == pytest.approx(1452, abs=0.5)  # turned as well
 
@@ -46,7 +46,7 @@ def test_film_equivalent_is_preferred_to_an_unscaled_sensor_resolution():
     scaled = replace(CANON, original_size_px=(2000, 1500), focal_35mm=25.0)
     camera, remarks = photo_camera([scaled])
     assert camera.focal_px[0] == pytest.approx(25 / 43.267 * 2500, rel=1e-3)
-    assert "the sensor's resolution would give 2904 px" in remarks[0]
+    assert "the sensor's resolution would give 2904 px" in str(remarks[0])
 
 
 def test_calibration_comes_first_and_is_scaled():
@@ -69,7 +69,7 @@ def test_missing_tags_are_replaced_by_a_noted_assumption():
     camera, remarks = photo_camera([PLAIN])
     assert 2 * math.degrees(math.atan(1000 / camera.focal_px[0])) == pytest.approx(65)
     assert camera.focal_std_ratio == 0.3
-    assert "assumed" in remarks[0]
+    assert "assumed" in str(remarks[0])
     assert focal(replace(PLAIN, size_px=(1500, 2000))) == pytest.approx(camera.focal_px[0])
 
 
@@ -92,7 +92,7 @@ def test_the_resolution_of_a_sensor_that_would_be_tiny_is_that_of_the_original(o
     resized = replace(CANON, size_px=(800, 600), original_size_px=original_px, sensor_px_per_mm=656.0)
     camera, remarks = photo_camera([resized])
     assert camera.focal_std_ratio == 0.3, "assumed"
-    assert "a sensor 1.2 mm wide" in remarks[0]
+    assert "a sensor 1.2 mm wide" in str(remarks[0])
     assert photo_camera([replace(resized, focal_35mm=28.0)])[0].focal_std_ratio == 0.03
 
 
@@ -100,4 +100,4 @@ def test_a_digital_zoom_enlarges_the_focal_length_by_the_sensor():
     whole, _ = photo_camera([CANON])
     zoomed, remarks = photo_camera([replace(CANON, digital_zoom=2.0)])
     assert zoomed.focal_px[0] == pytest.approx(2 * whole.focal_px[0])
-    assert any("enlarged 2 times" in remark for remark in remarks)
+    assert any("enlarged 2 times" in str(remark) for remark in remarks)

@@ -62,7 +62,7 @@ def test_pictures_are_asked_only_where_nothing_else_tells(offers, topics, expect
 def test_where_pictures_do_not_tell_the_option_is_named():
     made, _ = recording(camera("/a"), camera("/b"))
     known = judged(made, {}, silent)
-    (line,) = known.remarks("/a")
+    (line,) = map(str, known.remarks("/a"))
     assert "which of /a and /b looks down" in line
     assert "--topic cam0=CHANNEL" in line
     assert known.remarks(None) == []

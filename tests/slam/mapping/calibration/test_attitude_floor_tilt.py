@@ -104,9 +104,8 @@ def leaning(of_ground_rad: float, of_mount_rad: float, turns_rad: float) -> str:
     angles = upright.as_euler("ZYX")[:, ::-1] + [of_mount_rad, 0, 0] + rng.normal(0, 0.005, (201, 3))
     poses = np.tile(np.eye(4), (201, 1, 1))
     poses[:, :3, :3] = over_floor.as_matrix()
-    return attitude_floor_tilt_warning(
-        attitude_floor_tilt(Flight("made", attitude=AttitudeSeries(stamps_s, angles)), stamps_s, poses)
-    )
+    flight = Flight("made", attitude=AttitudeSeries(stamps_s, angles))
+    return str(attitude_floor_tilt_warning(attitude_floor_tilt(flight, stamps_s, poses)))
 
 
 def test_ground_that_slopes_is_reported_and_from_what():

@@ -9,7 +9,7 @@ import pytest
 
 from backend.clocks.picture_clock import ClockPiece, PictureClock
 from slam.core.flight import Flight
-from slam.core.messages import is_note
+from slam.core.messages import Kind
 from slam.evaluation import evaluate
 from slam.mapping.calibration.instrument_clocks import attitude_delay, on_one_clock
 from slam.mapping.pipeline import optimize
@@ -45,7 +45,7 @@ def test_an_imu_that_pictures_and_attitude_contradict_is_restamped(flight, late_
     (line,) = fixed.warnings
     assert line.startswith("imu0 is stamped")
     assert ("after" if late_s > 0 else "before") in line
-    assert is_note(line)
+    assert fixed.messages[0].kind is Kind.NOTE
 
 
 def test_an_attitude_that_gyro_and_pictures_contradict_is_restamped(flight):
@@ -66,7 +66,7 @@ def test_without_pictures_that_tell_neither_is_believed(flight, pictures):
     fixed = on_one_clock(late, pictures)
     assert fixed.attitude is late.attitude
     assert fixed.imu is late.imu
-    assert not is_note(fixed.warnings[0])
+    assert fixed.messages[0].kind is not Kind.NOTE
 
 
 @pytest.mark.slow

@@ -67,8 +67,8 @@ def test_an_odd_focal_length_is_believed_against_an_assumed_one_alone(
     assert (odd is not None) == is_odd
     if odd is not None:
         assert odd.is_believed == is_believed
-        assert f"but they show {found_px:.0f} px" in odd.warning(used=is_believed)
-        assert ("the map has that one" in odd.warning(used=is_believed)) == is_believed
+        assert f"but they show {found_px:.0f} px" in odd.warning(used=is_believed).text
+        assert ("the map has that one" in odd.warning(used=is_believed).text) == is_believed
     # What was told of a lens remains so when a map has estimated it.
     again = with_lens_of(told, stretched_map(told, found_px).camera)
     assert (OddFocal.of(again, stretched_map(again, found_px)) is not None) == is_odd

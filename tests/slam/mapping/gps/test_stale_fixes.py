@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.messages import Note
+from slam.core.messages import Kind
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.fixes import Fixes
 
@@ -49,11 +49,11 @@ def test_a_frozen_receiver_is_left_out_from_its_second_repeat_on(frozen, unit_m)
         assert np.array_equal(np.isnan(agreement.off_m[:, 0]), stale)
     messages = made.messages(made.exact(w_T_b))
     assert messages.left_out == made.fixes.names[frozen + 1 :]
-    (line,) = [m for m in (*messages.warnings, *messages.remarks) if "to the last digit" in m]
-    assert f"{14 - frozen} of 15 fixes repeat the place" in line
-    assert "P13" in line
-    assert isinstance(line, Note) == (frozen == 12)
-    assert ("the receiver stopped" in line) == (frozen < 12)
+    (line,) = [m for m in (*messages.warnings, *messages.remarks) if "to the last digit" in m.text]
+    assert f"{14 - frozen} of 15 fixes repeat the place" in line.text
+    assert "P13" in line.text
+    assert (line.kind is Kind.NOTE) == (frozen == 12)
+    assert ("the receiver stopped" in line.text) == (frozen < 12)
 
 
 def test_a_slow_receiver_gives_one_fix_of_each_run():

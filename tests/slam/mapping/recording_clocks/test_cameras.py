@@ -7,6 +7,7 @@ import pytest
 
 from frontend.camera import Camera
 from slam.core.flight import Flight, Frames, Imu
+from slam.core.messages import about
 from slam.core.progress import silent
 from slam.mapping.recording_clocks.cameras import chosen_camera
 from slam.mapping.recording_clocks.join import join_recordings
@@ -34,7 +35,7 @@ def blank(name: str, declared: np.ndarray) -> Flight:
     camera = Camera((FOCAL_PX, FOCAL_PX), CENTER_PX, SIZE_PX, b_T_c=mount(declared))
     grey = np.full(SIZE_PX[::-1], 128, np.uint8)
     frames = Frames(np.arange(4.0), tuple(f"{k}.png" for k in range(4)), lambda k: grey)
-    return Flight(name, camera=camera, frames=frames, warnings=(f"cam0: of {name}",))
+    return Flight(name, camera=camera, frames=frames, messages=(about("cam0", f"of {name}"),))
 
 
 def test_a_declared_mount_tells():

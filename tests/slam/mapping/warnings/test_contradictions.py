@@ -23,13 +23,17 @@ def flight() -> Flight:
     return simulate(replace(recipe, camera=None), seed=4)
 
 
+def lines_of(steps):
+    return list(map(str, contradictions(steps)))
+
+
 def told(flight: Flight, metric: bool = True, backwards: bool = False) -> list[str]:
     """The true way as a map."""
     assert flight.truth is not None
     at = np.searchsorted(flight.truth.stamps_s, np.arange(1.0, flight.truth.stamps_s[-1] - 1.0, STEP_S))
     poses = flight.truth.w_T_b[at]
     poses[5] = np.nan
-    return contradictions(
+    return lines_of(
         KeyframeSteps.of(flight, flight.truth.stamps_s[at], poses[::-1] if backwards else poses, metric)
     )
 
@@ -97,7 +101,7 @@ def test_stretches_of_few_keyframes_are_compared_too(flight: Flight, keyframes: 
         assert contradictions(KeyframeSteps.of(flight, stamps_s, poses, True)) == []
         found += any(
             line.startswith("velocity0")
-            for line in contradictions(KeyframeSteps.of(flight, stamps_s, poses[::-1], True))
+            for line in lines_of(KeyframeSteps.of(flight, stamps_s, poses[::-1], True))
         )
     assert found >= 0.7 * len(stretches), "round a corner the way back looks alike"
 
@@ -184,7 +188,7 @@ def test_heights_that_alternate_contradict_the_accelerometer(flight: Flight):
     stamps_s, poses = flight.truth.stamps_s[at], flight.truth.w_T_b[at].copy()
     assert contradictions(KeyframeSteps.of(flight, stamps_s, poses, True)) == []
     poses[::2, 2, 3] *= 4 / 3
-    (line,) = contradictions(KeyframeSteps.of(flight, stamps_s, poses, True))
+    (line,) = lines_of(KeyframeSteps.of(flight, stamps_s, poses, True))
     assert line.startswith("imu0 (vertical acceleration): ")
     assert contradictions(KeyframeSteps.of(flight, stamps_s, poses, False)) == [], "no metres, no heights"
 

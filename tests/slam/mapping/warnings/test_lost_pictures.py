@@ -90,7 +90,7 @@ def test_all_long_stretches_are_named_in_order_of_time():
     observations = SimpleNamespace(
         dropped=dict.fromkeys(bare, TOO_FEW), frames=100, camera_stamps_s=np.arange(100) / 2
     )
-    (line,) = lost_picture_warnings(SimpleNamespace(all_keyframes=False), observations)
+    (line,) = map(str, lost_picture_warnings(SimpleNamespace(all_keyframes=False), observations))
     assert line.startswith(
         "bare ground: 19 of 100 pictures are left out (too few features), the longest stretches "
         "from 10.0 to 14.5 s and from 30.0 to 33.5 s: "

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from slam import optimize
 from slam.core.flight import Gps, Sonar
-from slam.core.messages import is_note
+from slam.core.messages import Kind, Message
 from slam.core.stream_anomalies import stuck_ranges
 from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
 from slam.mapping.warnings.accuracy_basis import VAGUE_SCALE_STD, scale_warning, vague_lengths_warning
-from slam.mapping.warnings.messages import MOST_STUCK, anomalies
+from slam.mapping.warnings.messages import MOST_STUCK, judged_anomalies
 from tests.slam.small_flight import flown
 
 
@@ -30,7 +30,7 @@ def ranges(stuck: int, count: int = 200) -> Sonar:
 def test_a_sonar_that_is_stuck_for_half_of_a_flight_carries_the_scale(stuck: int, in_status: bool) -> None:
     sonar = ranges(stuck)
     assert bool(stuck_ranges(sonar, MOST_STUCK)) == in_status
-    assert ("0.9 m" in stuck_ranges(sonar)) == (stuck >= 90)
+    assert ("0.9 m" in str(stuck_ranges(sonar))) == (stuck >= 90)
 
 
 @pytest.mark.parametrize(
@@ -49,16 +49,16 @@ def test_a_suspect_fix_that_the_map_leaves_out_needs_no_action() -> None:
     flight = replace(flown(0), gps=gps)
     suspect = tuple(flight.picture_names(gps.stamps_s))[5]
 
-    def of_fixes(*left_out: str) -> list[str]:
+    def of_fixes(*left_out: str) -> list[Message]:
         context, map_ = SimpleNamespace(flight=flight), SimpleNamespace(fixes_left_out=left_out)
-        lines = anomalies(context, map_, SimpleNamespace(raw="", judged=""))
-        return [line for line in lines if "farther from the others" in line]
+        lines = judged_anomalies(context, map_, SimpleNamespace(raw="", judged=""))
+        return [line for line in lines if "farther from the others" in line.text]
 
     (warning,), (note,) = of_fixes(), of_fixes(suspect)
-    assert not is_note(warning)
-    assert warning.endswith("check them")
-    assert is_note(note)
-    assert note == warning
+    assert warning.kind is not Kind.NOTE
+    assert warning.text.endswith("check them")
+    assert note.kind is Kind.NOTE
+    assert note.text == warning.text
 
 
 @pytest.mark.parametrize(

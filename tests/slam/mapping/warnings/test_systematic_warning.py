@@ -31,7 +31,7 @@ OFFSET = replace(
 
 
 def warning(found: SystematicErrors | None) -> str:
-    return systematic_warning(found, CAMERA, 50.0, True, "cam0/sensor.yaml")
+    return str(systematic_warning(found, CAMERA, 50.0, True, "cam0/sensor.yaml"))
 
 
 def test_a_lens_is_reported_with_its_size_at_the_corners() -> None:
@@ -97,7 +97,7 @@ def test_fixes_that_differ_for_the_same_reason_share_the_sentence(found, kind, s
 def test_photographs_and_recordings_have_their_calibration_in_the_flight_folder() -> None:
     assert Flight("folder").camera_file == "cam0/sensor.yaml"
     assert "`slam import`" in Flight("photographs", all_keyframes=True).camera_file
-    line = systematic_warning(RADIAL, CAMERA, 50.0, True, Flight("p", all_keyframes=True).camera_file)
+    line = str(systematic_warning(RADIAL, CAMERA, 50.0, True, Flight("p", all_keyframes=True).camera_file))
     assert line.endswith("in cam0/sensor.yaml of the flight folder that `slam import` makes")
 
 

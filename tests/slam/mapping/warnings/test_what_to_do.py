@@ -65,7 +65,7 @@ def test_an_anomaly_of_a_stream_says_what_to_do(name):
 
 def test_what_is_missing_says_what_to_record():
     bare = replace(made_flight(), imu=None, attitude=None, sonar=None, gps=None)
-    lines = missing_for_map(bare)
+    lines = tuple(map(str, missing_for_map(bare)))
     assert len(lines) == 2
     assert [line for line in lines if not ACTION.search(line)] == []
 
@@ -77,6 +77,6 @@ def test_pictures_that_are_left_out_say_what_is_missing_then():
 
 def test_a_tilt_says_what_may_be_wrong_and_what_to_check():
     tilt = AttitudeFloorTilt(np.array([0.1, 0.0]), np.array([0.1, 0.0]), 0.001, 0.001, 0.0)
-    line = attitude_floor_tilt_warning(tilt)
+    line = str(attitude_floor_tilt_warning(tilt))
     assert "heights may be wrong" in line
     assert ACTION.search(line)

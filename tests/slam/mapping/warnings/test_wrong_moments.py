@@ -29,7 +29,8 @@ def told(flight: Flight, order: np.ndarray | None = None, late_s: float = 0.0) -
     poses = flight.truth.w_T_b[np.searchsorted(flight.truth.stamps_s, stamps_s + late_s)]
     if order is not None:
         poses[: len(order)] = poses[order]
-    return WrongMoments.of(KeyframeSteps.of(flight, stamps_s, poses, True)).lines(_names(stamps_s))
+    found = WrongMoments.of(KeyframeSteps.of(flight, stamps_s, poses, True))
+    return list(map(str, found.lines(_names(stamps_s))))
 
 
 def test_a_healthy_flight_has_no_wrong_moment(flight: Flight):
@@ -64,7 +65,7 @@ def test_keyframes_at_another_height_are_named(flight: Flight, odd: list[int]):
     stamps_s, poses = _way(flight)
     poses[odd, 2, 3] *= 4 / 3
     found = WrongMoments.of(KeyframeSteps.of(flight, stamps_s, poses, True))
-    lines = found.lines(_names(stamps_s))
+    lines = list(map(str, found.lines(_names(stamps_s))))
     assert len(lines) == (1 if odd != [20, 90] else 2)
     assert all(f"from picture_{max(k - 1, 0)} to" in line for k, line in zip(odd, lines, strict=False))
     assert all("than imu0 and sonar0: " in line and "of another camera or zoom" in line for line in lines)

@@ -11,7 +11,7 @@ from frontend.camera import Camera
 from slam.core.estimate import GroundFacts
 from slam.core.flight import GeoOrigin
 from slam.core.instrument_errors import AttitudeErrors, LensNumber
-from slam.core.messages import Note
+from slam.core.messages import Message, about, as_note
 from slam.core.summary import summarise
 from slam.core.units import error_length, length, percent, round_length
 from slam.report.answers.distances import area_share
@@ -19,13 +19,13 @@ from slam.report.answers.headline import sentence
 from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 from slam.report.mosaic_facts import MosaicFacts
-from tests.slam.made_estimate import made_estimate, made_flight
+from tests.slam.made_estimate import made_estimate, made_flight, saying
 from tests.slam.report.answers.asked import answers, by_accelerometer
 
 
 def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
     question = "Is the scale right, and by which instrument?"
-    estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
+    estimate, flight = replace(made_estimate(), messages=()), made_flight()
     assert answers(estimate, flight)[question].endswith(
         "if the height sensor is right. Lengths told 1 % too long make the map 1 % too large."
     )
@@ -33,13 +33,17 @@ def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
     assert replace(facts, scale_source="control points").condition == "if the control points are right"
     assert replace(facts, scale_source="GPS").condition == "if the GPS is right"
 
-    def told(*warnings):
-        rows = pilots_answers(estimate, summarise(replace(estimate, warnings=warnings)), facts)
+    def told(*messages):
+        rows = pilots_answers(estimate, summarise(replace(estimate, messages=messages)), facts)
         return next(row.value for row in rows if row.label == question)
 
-    assert told("gps0: far off").partition("\ue000")[0].endswith("they agree.")
-    assert told(Note("imu0: an offset that the map estimates")).partition("\ue000")[0].endswith("they agree.")
-    assert "a warning below names imu0" in told("imu0: the accelerometer reads 9.04 m/s^2 at rest")
+    assert told(about("gps0", "far off")).partition("\ue000")[0].endswith("they agree.")
+    assert (
+        told(as_note(about("imu0", "an offset that the map estimates")))
+        .partition("\ue000")[0]
+        .endswith("they agree.")
+    )
+    assert "a warning below names imu0" in told(about("imu0", "the accelerometer reads 9.04 m/s^2 at rest"))
 
 
 def test_the_least_certain_place_is_told():
@@ -87,22 +91,24 @@ def test_a_height_over_the_floor_does_not_count_the_altitude_on_earth():
 def test_a_doubted_attitude_says_what_its_tilt_does_to_heights():
     estimate, flight = made_estimate(), made_flight()
     question = "Are the heights true?"
-    told = answers(replace(estimate, status="ok", warnings=()), flight)[question]
+    told = answers(replace(estimate, messages=()), flight)[question]
     assert told.startswith("Yes")
     assert "raise one end" not in told
-    on_earth = replace(estimate, status="ok", warnings=(), origin=GeoOrigin(52.1, 4.3, 10.0))
+    on_earth = replace(estimate, messages=(), origin=GeoOrigin(52.1, 4.3, 10.0))
     assert "As altitudes, only as the GPS counts them" in answers(on_earth, flight)[question]
-    assert answers(replace(estimate, status="x"), flight)[question].startswith("Only after you have checked")
+    assert answers(saying(estimate, reasons=("x",)), flight)[question].startswith(
+        "Only after you have checked"
+    )
     off = AttitudeErrors((0.08, 0.06), (0.01, 0.01), 0.1, 0.1, None)
     noted = replace(
         estimate,
-        warnings=("attitude0 is tilted by 5.7 degrees",),
+        messages=(Message("attitude0 is tilted by 5.7 degrees", about="attitude0"),),
         instruments=replace(estimate.instruments, attitude=off),
     )
     across_m = max(gather(estimate, flight).extent_m)
-    found = answers(replace(noted, status="ok"), flight)[question]
+    found = answers(noted, flight)[question]
     assert found.startswith("Near each other, yes; across the map, no, because it may lean: 5.7° raise")
-    use = answers(replace(noted, status="ok"), flight)["Can I use this map?"]
+    use = answers(noted, flight)["Can I use this map?"]
     assert "heights only near each other, because the map may lean: 5.7° raise" in use
     assert f"by {error_length(np.tan(0.1))} for each {round_length(1.0)}" in found
     assert f"raise one end of the path by {length(np.tan(0.1) * across_m)} against the other" in found
@@ -150,7 +156,7 @@ def test_the_first_sentence_tells_the_ground_where_there_is_a_mosaic():
 
 
 def test_ground_whose_height_no_picture_shows_is_not_for_heights():
-    estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
+    estimate, flight = replace(made_estimate(), messages=()), made_flight()
     use, question = "Can I use this map?", "Are the heights true?"
     hilly = GroundFacts(
         misregistration_px=(0.3, 0.9), over_floor_px=(2.0, 9.0), relief_share=0.4, filled_share=0.1

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import pytest
 
+from slam.core.lost_pictures import BARE_GROUND
+from slam.core.messages import about
 from slam.core.summary import summarise
 from slam.report.answers.advice import limit, limit_sentence, next_steps
 from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 from slam.report.mosaic_facts import MosaicFacts
-from tests.slam.made_estimate import made_estimate, made_flight
+from tests.slam.made_estimate import made_estimate, made_flight, saying
 from tests.slam.report.answers.asked import SHARES
 
 
@@ -24,7 +26,7 @@ def test_the_limit_is_the_instrument_with_the_largest_share_of_both_axes():
 
 def test_advice_follows_from_what_limits_and_from_what_is_at_hand():
     question = "How do I make the next map better?"
-    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    estimate, flight = made_estimate(), made_flight()
     by_gps = replace(estimate, information_shares={"x": {"position": 0.9, "pictures": 0.1}})
     facts, summary = gather(by_gps, flight), summarise(by_gps)
 
@@ -45,12 +47,12 @@ def test_advice_follows_from_what_limits_and_from_what_is_at_hand():
     assert "slam evaluate OUT --truth FLIGHT" in advice(replace(facts, has_truth=True), by_range)
     exact = advice(replace(facts, range_exact=True), by_range)
     assert "sensor.yaml" not in exact, "what is taken as exact is stated there already"
-    bare = replace(by_gps, warnings=("bare ground: 40 of 200 pictures are left out; fly higher",))
+    bare = replace(by_gps, messages=(about(BARE_GROUND, "40 of 200 pictures are left out; fly higher"),))
     missing = replace(plain, frames=200)
     lost = replace(summarise(bare), rejected={"too few features": 40})
     assert advice(missing, bare, lost).startswith("If you need the ground that is missing, cross it higher")
     assert "First act on" not in advice(missing, bare, lost)
-    doubted = replace(by_gps, status="gps0: off")
+    doubted = saying(by_gps, reasons=("gps0: off",))
     assert advice(plain, doubted, summarise(doubted)).startswith("First do what “Check this first” says")
 
 
@@ -63,7 +65,7 @@ def test_places_and_lengths_have_limits_of_their_own():
     told = limit_sentence(shares)
     assert told.index("the GPS") < told.index("the pictures")
     assert "pictures" not in limit_sentence(shares, metric=False)
-    estimate, flight = replace(made_estimate(), status="ok", information_shares=shares), made_flight()
+    estimate, flight = replace(made_estimate(), information_shares=shares), made_flight()
     facts, summary = gather(estimate, flight), summarise(estimate)
 
     def advice(mosaic):
@@ -87,6 +89,6 @@ def test_places_and_lengths_have_limits_of_their_own():
     ],
 )
 def test_the_first_step_is_what_the_only_warning_advises(warnings, step):
-    estimate, flight = replace(made_estimate(), status="ok", warnings=warnings), made_flight()
+    estimate, flight = saying(made_estimate(), *warnings), made_flight()
     facts, summary = gather(estimate, flight), summarise(estimate)
     assert next_steps(estimate, facts, summary, ground_missing=False).startswith(step)

@@ -12,6 +12,7 @@ from frontend.views import SAME_PICTURE
 from slam.core.estimate import GroundFacts
 from slam.core.instrument_errors import AttitudeErrors
 from slam.core.lost_pictures import REDUNDANT, SHOW_NOTHING, TRACKING_LOST
+from slam.core.messages import as_reason
 from slam.core.summary import summarise
 from slam.core.units import length
 from slam.report.answers.headline import sentence
@@ -19,16 +20,16 @@ from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 from slam.report.gaps import gaps
 from slam.report.mosaic_facts import MosaicFacts
-from tests.slam.made_estimate import made_estimate, made_flight
+from tests.slam.made_estimate import made_estimate, made_flight, saying
 from tests.slam.report.answers.asked import answers
 
 
 def test_what_failed_is_told():
-    estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
+    estimate, flight = replace(made_estimate(), messages=()), made_flight()
     purpose, none = "What was left out (below) was left out on purpose.", "No instrument is doubted."
     assert answers(estimate, flight)["What failed?"] == f"Nothing. {none} {purpose}"
     assert answers(replace(estimate, rejected={}), flight)["What failed?"] == f"Nothing. {none}"
-    noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
+    noted = saying(estimate, "attitude0 is tilted by 4.8 degrees")
     found = answers(noted, flight)["What failed?"]
     assert found.startswith("No part of the map, but a warning below doubts an instrument.")
     assert "The attitude sensor (roll, pitch and heading) is tilted by 4.8 degrees." in found
@@ -43,18 +44,18 @@ def test_what_failed_is_told():
     assert answers(bare, flight)["What failed?"].startswith(
         "60 of 100 pictures showed too little to be used."
     )
-    other = replace(estimate, warnings=("one picture is damaged",))
+    other = saying(estimate, "one picture is damaged")
     told = answers(other, flight)["What failed?"]
     assert told == f"Nothing; the warnings name what to check. {none} {purpose}"
     question = "How accurate is a place on it?"
     assert "does not count" not in answers(noted, flight)[question]
     assert (
         "does not count what “Check this first” above"
-        in answers(replace(noted, status="x"), flight)[question]
+        in answers(saying(noted, reasons=("x",)), flight)[question]
     )
     lost = replace(
         estimate,
-        status="two parts",
+        messages=(as_reason("two parts"),),
         rejected={TRACKING_LOST: 2},
         not_drawn={"a.png": "why", "b.png": REDUNDANT},
     )
@@ -68,7 +69,7 @@ def test_doubted_heights_are_among_what_is_not_believed():
     ground = GroundFacts(
         misregistration_px=(0.1, 0.4), over_floor_px=(0.4, 2.0), relief_share=0.5, doubted_share=0.04
     )
-    estimate = replace(made_estimate(), status="ok", warnings=(), ground=ground)
+    estimate = replace(made_estimate(), messages=(), ground=ground)
     found = answers(estimate, made_flight())["What failed?"].replace("\N{NO-BREAK SPACE}", " ")
     assert found.startswith("No part of the map, and no warning doubts an instrument, but some")
     assert "Heights of 2 %" in found
@@ -164,7 +165,7 @@ def test_a_stretch_without_pictures_is_named_with_its_place():
 
 def test_a_hole_in_a_mosaic_is_missing_ground_and_its_edge_is_told():
     question = "Is any of the ground missing?"
-    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    estimate, flight = made_estimate(), made_flight()
     whole = MosaicFacts(0.004, 800, 600, 0.02, 0.04, 3.0, -1.5, covered_share=0.7)
 
     def told(mosaic):

@@ -19,7 +19,7 @@ from slam.report.facts import gather
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.optimize_report import Accuracy, render
 from slam.report.tables.evaluation import Evaluated
-from tests.slam.made_estimate import made_estimate, made_flight
+from tests.slam.made_estimate import made_estimate, made_flight, saying
 from tests.slam.report.answers.asked import AGAIN, SHARES, answers
 
 ASKED = (
@@ -52,8 +52,8 @@ def test_ten_questions_have_their_answers_on_the_page():
 
 def test_answers_follow_the_map():
     estimate, flight = made_estimate(), made_flight()
-    assert answers(replace(estimate, status="ok"), flight)["Can I use this map?"].startswith("Yes")
-    assert answers(replace(estimate, status="two parts"), flight)["Can I use this map?"].startswith("Only")
+    assert answers(estimate, flight)["Can I use this map?"].startswith("Yes")
+    assert answers(saying(estimate, reasons=("two parts",)), flight)["Can I use this map?"].startswith("Only")
     no_loops = replace(estimate, loops=())
     assert "repeat an earlier part" in answers(no_loops, flight)["How do I make the next map better?"]
     assert answers(no_loops, flight)[AGAIN].startswith("No")
@@ -77,7 +77,7 @@ def test_answers_follow_the_map():
 
 def test_heights_without_an_altitude_are_none_on_earth():
     question = "Are the heights true?"
-    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    estimate, flight = made_estimate(), made_flight()
     on_earth = answers(replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0)), flight)[question]
     assert "only as the GPS counts them" in on_earth
     assert "altitude of the ground on Earth" in on_earth
@@ -116,14 +116,14 @@ def test_whether_coordinates_can_be_handed_on():
 
 
 def test_an_instrument_that_nothing_checks_is_no_plain_yes():
-    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    estimate, flight = made_estimate(), made_flight()
     alone = replace(estimate, accuracy_basis="Lengths and their accuracy rest on one height sensor alone.")
     assert "no second instrument checks" in answers(alone, flight)["Can I use this map?"]
     assert "no second instrument checks" not in answers(estimate, flight)["Can I use this map?"]
 
 
 def test_known_distances_that_were_compared_are_not_asked_for():
-    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    estimate, flight = made_estimate(), made_flight()
     alone = replace(estimate, accuracy_basis=f"Lengths rest on one sensor. {CHECKED_BY_ONE_DISTANCE}")
     summary = summarise(alone)
 
@@ -148,7 +148,7 @@ def test_a_graph_has_no_pictures():
 
 def test_streams_that_a_message_names_are_explained():
     flight = made_flight()
-    estimate = replace(made_estimate(), warnings=("attitude0 is tilted by 4.8 degrees",))
+    estimate = saying(made_estimate(), "attitude0 is tilted by 4.8 degrees")
     page = html.unescape(render(estimate, summarise(estimate), flight))
     assert "attitude0 is the attitude sensor" in page
     assert "imu0 is" not in page
@@ -157,7 +157,7 @@ def test_streams_that_a_message_names_are_explained():
 def test_a_status_that_is_not_ok_stands_beside_every_figure():
     flight = made_flight()
     basis = f"Lengths rest on one sensor. {CHECKED_BY_ONE_DISTANCE}"
-    estimate = replace(made_estimate(), status="sonar0: stuck; repair it", accuracy_basis=basis)
+    estimate = replace(saying(made_estimate(), reasons=("sonar0: stuck; repair it",)), accuracy_basis=basis)
     found = answers(estimate, flight)
     for question in (
         "Can I use this map?", "How accurate is a place on it?", "How far can I trust a distance or an area?",

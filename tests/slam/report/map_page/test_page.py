@@ -22,7 +22,7 @@ from slam.report.answers.advice import limit_sentence
 from slam.report.facts import gather
 from slam.report.map_page.features import MOST_POINTS, floor_points, links, spread
 from slam.report.map_page.write import write_map_page
-from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
+from tests.slam.made_estimate import REJECTION, made_estimate, made_flight, saying
 from tests.slam.report.map_page.browser import BROWSER, in_browser, paint_times
 from tests.slam.report.map_page.largest_page import largest_page
 
@@ -91,7 +91,8 @@ def test_a_bridge_by_instruments_is_no_link_of_pictures():
 
 
 def test_names_from_outside_stay_text(tmp_path):
-    estimate = replace(made_estimate(name=HOSTILE), frame_names=(HOSTILE,) * 60, status=HOSTILE)
+    estimate = replace(made_estimate(name=HOSTILE), frame_names=(HOSTILE,) * 60)
+    estimate = saying(estimate, reasons=(HOSTILE,))
     loops = tuple(
         replace(loop, rejection=loop.rejection and Rejection(LinkCheck.OTHER, HOSTILE))
         for loop in estimate.loops
@@ -131,7 +132,7 @@ def test_the_page_holds_what_the_estimate_has(tmp_path):
 
 
 def test_the_first_lines_are_those_of_the_report(tmp_path):
-    estimate = replace(made_estimate(), status="ok", information_shares={"ground": {"range": 1.0}})
+    estimate = replace(made_estimate(), information_shares={"ground": {"range": 1.0}})
     ground = np.full((40, 60), 0.5, np.float32)
     grid = Grid(-3.0, 3.0, 0.1, 60, 40)
     write_bands(

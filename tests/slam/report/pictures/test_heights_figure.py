@@ -135,7 +135,7 @@ def test_the_share_of_trusted_heights_leaves_out_all_others():
     ground = replace(MEASURED, relief_share=0.8, filled_share=0.25, level_share=0.1, doubted_share=0.5)
     assert abs(ground.trusted_share - 0.4) < 1e-12  # half of 0.6 measured, and 0.1 found flat
     assert replace(MEASURED, filled_share=0.0).trusted_share == 1.0
-    estimate = replace(made_estimate(), status="ok", warnings=(), ground=ground)
+    estimate = replace(made_estimate(), messages=(), ground=ground)
     told, _ = heights(estimate, gather(estimate, made_flight()), summarise(estimate))
     assert "on 40 % of the ground" in told.replace("\xa0", " ")
     assert "trust none on the rest" in told.split(". ")[0]

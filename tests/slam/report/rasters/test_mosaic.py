@@ -37,7 +37,6 @@ def scene(seed: int = 1) -> tuple[Estimate, Flight, list[np.ndarray | None]]:
     names = tuple(f"{k}.png" for k in index)
     estimate = Estimate(
         name="made",
-        status="ok",
         epoch_ns=0,
         stamps_s=np.arange(n) * 1.0,
         frame_names=names,

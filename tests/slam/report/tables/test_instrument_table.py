@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from slam.core.flight import Gps, Scalar
-from slam.core.messages import Note
+from slam.core.messages import Message, about, as_note
 from slam.core.units import error_length, percent
 from slam.report.tables.instruments import NOT_USED, instrument_table, unused_instruments
-from tests.slam.made_estimate import made_estimate, made_flight
+from tests.slam.made_estimate import made_estimate, made_flight, saying
 
 SHARES = {
     "x": {"range": 0.7, "position": 0.3},
@@ -29,7 +29,7 @@ def rows_of(estimate, flight):
 
 def test_a_source_of_errors_that_is_no_stream_has_shares_alone():
     shares = {**SHARES, "ground": {"flat_floor": 0.7, "position": 0.3}}
-    estimate = replace(made_estimate(), information_shares=shares, warnings=())
+    estimate = replace(made_estimate(), information_shares=shares, messages=())
     ground = rows_of(estimate, flown())["how uneven the ground is"]
     assert (ground["place of the ground"], ground["used?"]) == ("70 %", "")
 
@@ -42,7 +42,7 @@ def flown():
 
 def test_each_instrument_states_its_accuracy_its_use_and_its_shares():
     flight = flown()
-    estimate = replace(made_estimate(), information_shares=SHARES, warnings=())
+    estimate = replace(made_estimate(), information_shares=SHARES, messages=())
     found = rows_of(estimate, flight)
     assert found["the GPS"][STATED] == f"{error_length(np.sqrt(2.5))}, height {error_length(4.0)} (stated)"
     sonar = found["the height sensor"][STATED]
@@ -59,19 +59,19 @@ def test_each_instrument_states_its_accuracy_its_use_and_its_shares():
 def test_an_assumed_accuracy_is_told_as_assumed():
     flight = flown()
     assumed = replace(flight, gps=replace(flight.gps, assumed=("noise_std",)))
-    estimate = replace(made_estimate(), information_shares=SHARES, warnings=())
+    estimate = replace(made_estimate(), information_shares=SHARES, messages=())
     assert rows_of(estimate, assumed)["the GPS"][STATED].endswith("(assumed)")
 
 
 def test_an_instrument_that_a_warning_names_is_doubted_and_one_that_a_note_names_is_not():
-    lines = (
-        "gps0: far off: is it held; compare imu0",
-        "barometer0 falls where the camera climbs",
-        "bare ground: cam0 sees nothing",
-        Note("sonar0: noted"),
+    messages = (
+        about("gps0", "far off: is it held; compare imu0"),
+        Message("barometer0 falls where the camera climbs", about="barometer0"),
+        about("bare ground", "cam0 sees nothing"),
+        as_note(about("sonar0", "noted")),
     )
     shares = {**SHARES, "z": {"pictures": 1.0}}
-    estimate = replace(made_estimate(), information_shares=shares, warnings=lines)
+    estimate = replace(made_estimate(), information_shares=shares, messages=messages)
     found = rows_of(estimate, flown())
     assert found["the GPS"]["doubted?"] == "yes: far off"
     assert found["the barometer"]["doubted?"] == "yes: falls where the camera climbs"
@@ -89,12 +89,12 @@ def test_without_a_refinement_there_is_no_table():
 
 
 def test_readings_that_the_map_does_not_need_count_as_left_out():
-    estimate = replace(made_estimate(), information_shares=SHARES, warnings=())
+    estimate = replace(made_estimate(), information_shares=SHARES, messages=())
     found = {row.what: row for row in unused_instruments(estimate, flown())}
     assert found["Readings of the barometer"].count == 3
     assert found["Readings of the barometer"].no_need_to_act
     assert not any("GPS" in what or "height sensor" in what for what in found), "these are used"
     assert unused_instruments(replace(estimate, information_shares={}), flown()) == ()
-    doubted = replace(estimate, warnings=("barometer0: climbs 3.28 times as far; check its unit",))
+    doubted = saying(estimate, "barometer0: climbs 3.28 times as far; check its unit")
     assert unused_instruments(doubted, flown()) == (), "it is left out for another reason"
     assert rows_of(doubted, flown())["the barometer"]["used?"] == "no: it is doubted"

@@ -10,6 +10,7 @@ from slam import simulate
 from slam.cli.replay import table
 from slam.core.errors import InputError
 from slam.core.flight import AttitudeSeries, Command, Flight, Truth, Velocity
+from slam.core.messages import about, as_unread
 from slam.simulation.model import Model
 from slam.simulation.recipe import recipe_from
 from slam.simulation.replay import replay
@@ -213,7 +214,7 @@ def test_the_picture_enlarges_the_longest_push_and_leaves_out_empty_channels():
 
 
 STAMPS = np.arange(0, 5, 0.05)
-NO_ROWS = "command0: data.csv has no rows; treated as not recorded"
+NO_ROWS = about("command0", as_unread("data.csv has no rows; treated as not recorded"))
 SOME = Command(STAMPS, np.zeros((100, 4)))
 STILL = Truth(STAMPS, np.tile(np.eye(4), (100, 1, 1)))
 
@@ -222,7 +223,7 @@ STILL = Truth(STAMPS, np.tile(np.eye(4), (100, 1, 1)))
     ("flight", "said"),
     [
         (Flight("f", truth=STILL), "no commands"),
-        (Flight("f", truth=STILL, warnings=(NO_ROWS,)), "command0: data.csv has no rows, so"),
+        (Flight("f", truth=STILL, messages=(NO_ROWS,)), "command0: data.csv has no rows, so"),
         (Flight("f", command=replace(SOME, stamps_s=STAMPS[:1], stick=SOME.stick[:1])), "command0 has 1 row"),
         (Flight("f", command=SOME), "nothing but commands"),
         (
