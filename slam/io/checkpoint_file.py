@@ -27,7 +27,7 @@ _HEAD = struct.Struct("<8sQ16s16s")
 _CHECK = struct.Struct("<I")
 _RUN = "run"
 """Kind of the first record: what all results of the file depend on."""
-FLUSHED_EVERY_S = 60.0
+_FLUSHED_EVERY_S = 60.0
 """A kill loses nothing that was written; a failure of power loses what was written since the last flush."""
 _MOST_RUN_BYTES = 1 << 16
 
@@ -103,7 +103,7 @@ class CheckpointFile:
             return
         try:
             self._append(work, key, result)
-            if time.monotonic() - self._flushed_s > FLUSHED_EVERY_S:
+            if time.monotonic() - self._flushed_s > _FLUSHED_EVERY_S:
                 os.fsync(self._file)
                 self._flushed_s = time.monotonic()
         except OSError as error:

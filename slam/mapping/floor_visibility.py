@@ -16,7 +16,7 @@ from slam.io.down_looking import LEAST_FALL
 from slam.mapping.keyframe_readings import attitudes_at
 from slam.mapping.obstacles import Masks, no_masks
 
-NODES = 64
+_NODES = 64
 """Nodes of a mask along the longer side of a picture: about a degree apart, finer than a gimbal's errors."""
 
 
@@ -54,7 +54,7 @@ def horizon_masks(flight: Flight, camera: Camera) -> Masks:
     if flight.attitude is None or flight.frames is None:
         return no_masks
     width, height = camera.size_px
-    step = max(width, height) / NODES
+    step = max(width, height) / _NODES
     u, v = np.meshgrid(np.arange(0.5 * step, width, step), np.arange(0.5 * step, height, step))
     rays = camera.rays(camera.undistort(np.column_stack([u.ravel(), v.ravel()]))) @ camera.b_T_c[:3, :3].T
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
