@@ -135,7 +135,7 @@ def cases_of(name: str) -> Iterator[Case]:
 def named_fixes(flight: Flight, found: Map) -> Mask:
     """Return the fixes (n,) that the flight's anomalies and the map's warnings name."""
     assert flight.gps is not None
-    lines = (*describe(flight).anomalies, *found.remarks, *found.warnings)
+    lines = map(str, (*describe(flight).anomalies, *found.remarks, *found.warnings))
     listed = ", ".join(line for line in lines if line.startswith("gps0") and " fixes " in line)
     words = listed.replace(":", ",").split(", ")
     named = {word.split(" (")[0].strip() for word in words}

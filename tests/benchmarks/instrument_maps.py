@@ -138,7 +138,8 @@ def judged_map(estimate: Estimate, found: Evaluation) -> Mapped:
     nees = found.nees
     known = np.nan_to_num(tracks.nees, nan=-1.0)[np.argmax(away_m)]
     return Mapped(
-        messages=estimate.messages,
+        status=estimate.status,
+        warnings=estimate.warnings,
         metric=estimate.metric,
         placed=float((estimate.component == 0).mean()),
         path_m=float(np.linalg.norm(np.diff(tracks.reference_m, axis=0), axis=1).sum()),
