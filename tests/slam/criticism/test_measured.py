@@ -84,7 +84,7 @@ def test_the_ar_drone_s_accelerometer_reads_too_little_upwards():
     assert up.low < -0.7 < -0.67 < up.high
     assert up.high - up.low < 0.2
     # The attitude comes to lean by 9 deg against the motion capture's: to the side there is no such error.
-    assert "accel_bias.y is -1.6 to 0.066" in found.remainder
+    assert "accel_bias.y is -1.6 to 0.06" in found.remainder
     assert "like an attitude error of 10 deg" in found.remainder
     side = found.causes[0].parameters["y"]
     assert side.high > -0.03
