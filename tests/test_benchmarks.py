@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from scipy.stats import norm
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.flight import Truth
+from slam.core.streams import Truth
 from tests.benchmarks import (
     blind_dev,
     by_pycolmap,

@@ -73,7 +73,7 @@ def _without(flight: Flight, names: list[str]) -> Flight:
     from dataclasses import replace
 
     from slam.core.errors import InputError
-    from slam.core.flight import FIELD_BY_FOLDER, STREAMS
+    from slam.core.streams import FIELD_BY_FOLDER, STREAMS
 
     folders = [STREAMS[field].folder for field in _USED_STREAMS]
     for name in names:

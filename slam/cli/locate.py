@@ -12,7 +12,7 @@ from slam.cli.options import JSON, OUT, PICTURE_RATE, QUIET, TOPICS, request_of
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
-    from slam.core.flight import Image
+    from slam.core.streams import Image
     from slam.mapping.relocation import Location, Relocalizer
 
 _PICTURES = typer.Argument(metavar="PICTURE", help="Pictures of the map's camera.", show_default=False)

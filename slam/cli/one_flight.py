@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slam.core.errors import InputError
-from slam.core.flight import FIELD_BY_FOLDER
+from slam.core.streams import FIELD_BY_FOLDER
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight

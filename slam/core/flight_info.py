@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.core.errors import NO_CAMERA
 from slam.core.fix_check import MAX_SPEED_M_S
-from slam.core.flight import STREAMS, AttitudeSeries, Flight
+from slam.core.flight import Flight
 from slam.core.imu_at_rest import imu_anomalies
 from slam.core.messages import Line, Message, about, as_note, of_flight
 from slam.core.names import listed
@@ -21,6 +21,7 @@ from slam.core.stream_anomalies import (
     velocity_anomalies,
 )
 from slam.core.stream_source import StreamSource
+from slam.core.streams import STREAMS, AttitudeSeries
 from slam.core.units import length
 
 Array = NDArray[np.float64]

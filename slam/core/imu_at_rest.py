@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.flight import Imu
 from slam.core.messages import Message, about, as_note
 from slam.core.stream_anomalies import (
     LEAST_GRAVITY_M_S2,
@@ -16,6 +15,7 @@ from slam.core.stream_anomalies import (
     imu_axis_anomalies,
     mean_specific_force_m_s2,
 )
+from slam.core.streams import Imu
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import InertialReadings
-from slam.core.flight import AttitudeSeries, Imu
 from slam.core.stream_anomalies import clipped_share
+from slam.core.streams import AttitudeSeries, Imu
 
 Array = NDArray[np.float64]
 

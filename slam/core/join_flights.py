@@ -21,21 +21,12 @@ from slam.core.control_points import SurveyedPoint
 from slam.core.duplicate_flights import without_duplicates
 from slam.core.errors import InputError
 from slam.core.fix_check import NOISE_SIGMAS
-from slam.core.flight import (
-    STREAMS,
-    AttitudeSeries,
-    Flight,
-    Frames,
-    Gps,
-    Image,
-    Sonar,
-    Truth,
-    with_unique_names,
-)
+from slam.core.flight import Flight, with_unique_names
 from slam.core.height_systems import height_system_text
 from slam.core.messages import as_message, of_flight
 from slam.core.names import listed
 from slam.core.picture_content import content_key
+from slam.core.streams import STREAMS, AttitudeSeries, Frames, Gps, Image, Sonar, Truth
 
 Array = NDArray[np.float64]
 _Series = TypeVar("_Series", Sonar, AttitudeSeries, Gps, Truth)

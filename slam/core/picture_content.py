@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from slam.core.flight import Frames
+from slam.core.streams import Frames
 
 
 @runtime_checkable

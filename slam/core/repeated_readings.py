@@ -12,8 +12,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from slam.core.flight import STREAMS, Flight
+from slam.core.flight import Flight
 from slam.core.messages import Message, about
+from slam.core.streams import STREAMS
 
 Array = NDArray[np.float64]
 

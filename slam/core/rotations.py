@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from slam.core.flight import AttitudeSeries
+from slam.core.streams import AttitudeSeries
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from scipy.special import bdtrc
 
 from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
-from slam.core.flight import Imu, Sonar, Velocity
 from slam.core.messages import Line, Message, about, as_message
+from slam.core.streams import Imu, Sonar, Velocity
 
 Array = NDArray[np.float64]
 

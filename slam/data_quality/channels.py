@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.robust import robust_std
-from slam.core.flight import AttitudeSeries, Flight, Imu, Sonar, Velocity
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Imu, Sonar, Velocity
 
 Array = NDArray[np.float64]
 _Series = Imu | AttitudeSeries | Velocity | Sonar

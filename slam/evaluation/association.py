@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from frontend.camera import Camera
 from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Truth
+from slam.core.flight import Flight
 from slam.core.geodesy import enu_from_geodetic
+from slam.core.streams import Truth
 from slam.evaluation.chord import off_the_chord
 
 Array = NDArray[np.float64]

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from frontend.keyframes import KeyframeConfig
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Frames
+from slam.core.flight import Flight
 from slam.core.progress import silent
 from slam.core.rotations import roll_pitch_yaw_of
+from slam.core.streams import Frames
 from slam.evaluation.aligned_maps import aligned_maps
 from slam.evaluation.association import associate
 from slam.evaluation.landmarks import landmark_places, landmark_table

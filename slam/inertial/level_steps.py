@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from backend.clocks.delay_residuals import turn_costs
 from backend.clocks.gap_steps import LONGEST_LAG_S
-from slam.core.flight import STREAMS, Flight
+from slam.core.flight import Flight
 from slam.core.messages import Line
 from slam.core.stream_anomalies import stuck_ranges
+from slam.core.streams import STREAMS
 from slam.inertial.imu_motion import (
     COMPARED,
     STEP_S,

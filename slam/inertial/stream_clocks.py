@@ -14,7 +14,8 @@ from backend.clocks.delay_residuals import LONGEST_DELAY_S
 from backend.clocks.gap_steps import LONGEST_LAG_S, StampGap, gaps_of_one, is_step
 from backend.clocks.picture_clock import PictureClock, clock_of
 from slam.core.clock_steps import step_warning, steps_left_warning
-from slam.core.flight import STREAMS, Flight
+from slam.core.flight import Flight
+from slam.core.streams import STREAMS
 from slam.inertial.imu_motion import COMPARED, ImuMotion, changes_against, delay_grid
 from slam.inertial.instruments import InertialTrust
 

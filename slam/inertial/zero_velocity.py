@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_opening
 
 if TYPE_CHECKING:
-    from slam.core.flight import Flight, Imu
+    from slam.core.flight import Flight
+    from slam.core.streams import Imu
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -12,8 +12,8 @@ from numpy.polynomial.polynomial import polyval
 from backend.measurements import LensModel
 from backend.wording import counted, either
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.core.flight import Frames
 from slam.core.messages import Line
+from slam.core.streams import Frames
 from slam.io.csv_stream import CsvTable
 from slam.io.files import brief, check_inside, refusal
 from slam.io.images import PictureFiles, UnreadableImageError, common_levels, image_size

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.wording import counted
-from slam.core.flight import Flight, Truth
+from slam.core.flight import Flight
 from slam.core.messages import Line, about, as_message, as_note
+from slam.core.streams import Truth
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_numbers
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark

@@ -16,11 +16,15 @@ from scipy.spatial.transform import Rotation
 from frontend.camera import Camera
 from slam.core.arguments import check_flight
 from slam.core.errors import one_line
-from slam.core.flight import (
+from slam.core.flight import Flight
+from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
+from slam.core.instrument import Instrument
+from slam.core.messages import by_kind
+from slam.core.progress import Progress, silent
+from slam.core.streams import (
     FIELD_BY_FOLDER,
     AttitudeSeries,
     Command,
-    Flight,
     Frames,
     Gps,
     Imu,
@@ -30,10 +34,6 @@ from slam.core.flight import (
     Truth,
     Velocity,
 )
-from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
-from slam.core.instrument import Instrument
-from slam.core.messages import by_kind
-from slam.core.progress import Progress, silent
 from slam.io.atomic import atomic_folder
 from slam.io.csv_header import header_of
 from slam.io.frames_writer import SUFFIXES, stamps_ns, write_frames

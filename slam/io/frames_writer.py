@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.workers import Workers
-from slam.core.flight import Frames, Image
 from slam.core.progress import Progress
+from slam.core.streams import Frames, Image
 from slam.io.images import PictureFiles, UnreadableImageError, image_size, suffix_of
 from slam.io.narrow_pictures import NarrowPictures
 from slam.io.recorded_pictures import RecordedPictures

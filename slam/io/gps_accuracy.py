@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import Gps
 from slam.core.geodesy import MAX_ALTITUDE_M, METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.messages import Line
+from slam.core.streams import Gps
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.flight import Imu, Truth
+from slam.core.streams import Imu, Truth
 from slam.io.files import refusal
 
 Array = NDArray[np.float64]

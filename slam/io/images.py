@@ -22,8 +22,8 @@ import numpy as np
 from PIL import Image as Pillow
 
 from frontend.picture_check import reduced_size
-from slam.core.flight import Image
 from slam.core.messages import Line
+from slam.core.streams import Image
 from slam.io.content import content_name
 from slam.io.content_key import digest_with, file_key
 from slam.io.levels import Levels, Raw, levels_of, range_of

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import Image
+from slam.core.streams import Image
 
 _DEPTHS = (8, 10, 12, 14, 16)
 """Bit depths of cameras, whatever the number of bits in their files."""

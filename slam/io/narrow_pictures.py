@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from slam.core.flight import Flight, Image
+from slam.core.flight import Flight
 from slam.core.messages import about
+from slam.core.streams import Image
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import AttitudeSeries, Imu
 from slam.core.messages import Line
+from slam.core.streams import AttitudeSeries, Imu
 from slam.io.csv_stream import CsvTable
 from slam.io.files import refusal
 from slam.io.sensor_yaml import YamlFile

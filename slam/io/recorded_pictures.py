@@ -9,8 +9,8 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import Image
 from slam.core.picture_content import KnowsContent
+from slam.core.streams import Image
 from slam.io.content_key import digest_with
 from slam.io.images import UnreadableImageError, check_encoded, check_size, decode_image
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from slam.core.flight import FIELD_BY_FOLDER, STREAMS
 from slam.core.messages import Line, as_unread
+from slam.core.streams import FIELD_BY_FOLDER, STREAMS
 from slam.io.csv_stream import CsvTable
 from slam.io.gravity_checks import check_gyro_by_gravity, check_quaternion_order
 from slam.io.plausibility import check_imu_units

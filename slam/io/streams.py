@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
 from slam.core.geodesy import MAX_ALTITUDE_M
 from slam.core.instrument import Instrument
 from slam.core.messages import Line, as_note
+from slam.core.streams import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
 from slam.io.assumed import assumed_keys
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable

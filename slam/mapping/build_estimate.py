@@ -19,10 +19,11 @@ from backend.pose_graph.graph import build_pose_graph
 from backend.pose_graph.solution import Solution
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import Estimate, LoopVerdict
-from slam.core.flight import Flight, Gps
+from slam.core.flight import Flight
 from slam.core.heap import trim_heap
 from slam.core.instrument_errors import InstrumentErrors
 from slam.core.messages import Line
+from slam.core.streams import Gps
 from slam.mapping.calibration.antenna import (
     antenna_height_note,
     antenna_m,

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
-from slam.core.flight import Flight, Gps
+from slam.core.flight import Flight
 from slam.core.messages import Line
 from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
+from slam.core.streams import Gps
 from slam.mapping.calibration.clock_offset import NO_CORRECTION
 from slam.mapping.calibration.refuted import Refuted
 from slam.mapping.config import PipelineConfig

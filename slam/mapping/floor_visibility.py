@@ -9,9 +9,10 @@ import numpy as np
 
 from backend.wording import either
 from frontend.camera import Camera
-from slam.core.flight import Flight, Image
+from slam.core.flight import Flight
 from slam.core.messages import about
 from slam.core.rotations import rotation_of
+from slam.core.streams import Image
 from slam.io.down_looking import LEAST_FALL
 from slam.mapping.keyframe_readings import attitudes_at
 from slam.mapping.obstacles import Masks, no_masks

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from backend.measurements import Attitude, BarometerHeight, Position, SlantRange
-from slam.core.flight import AttitudeSeries, Flight, Scalar, Sonar
+from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin
 from slam.core.instrument_readings import MAX_GAP_S
+from slam.core.streams import AttitudeSeries, Scalar, Sonar
 from slam.mapping.config import PipelineConfig
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.gps.fixes import Fixes, fixes_of

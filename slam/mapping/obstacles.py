@@ -19,8 +19,9 @@ from frontend.camera import Camera
 from frontend.elevation import Elevation, elevation_map
 from frontend.masking import ObstacleMask
 from frontend.robust import robust_std
-from slam.core.flight import Flight, Image, Sonar
+from slam.core.flight import Flight
 from slam.core.messages import Line, Message, about, as_note
+from slam.core.streams import Image, Sonar
 from slam.mapping.config import MaskingConfig
 
 Array = NDArray[np.float64]

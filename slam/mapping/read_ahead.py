@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from frontend.workers import Workers
-from slam.core.flight import Flight, Frames, Image
+from slam.core.flight import Flight
 from slam.core.progress import Progress
+from slam.core.streams import Frames, Image
 
 
 def read_ahead(flight: Flight, progress: Progress, first: int = 0) -> Iterator[Image | None]:

@@ -22,8 +22,9 @@ from frontend.store import FeatureStore
 from slam.core.arguments import check_estimate, check_flight
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, over_floor
-from slam.core.flight import Flight, Image
+from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
+from slam.core.streams import Image
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import extractor_of
 

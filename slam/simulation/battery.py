@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import Scalar
+from slam.core.streams import Scalar
 from slam.simulation.chance import generator
 from slam.simulation.dynamics import COMMAND
 from slam.simulation.instruments import BatteryModel

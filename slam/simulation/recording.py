@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Frames, Truth
+from slam.core.flight import Flight
+from slam.core.streams import Frames, Truth
 from slam.simulation import sensors
 from slam.simulation.battery import read_battery
 from slam.simulation.camera.effects import camera_effects

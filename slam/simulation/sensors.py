@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from slam.core.flight import AttitudeSeries, Command, Imu, Sonar, Velocity
+from slam.core.streams import AttitudeSeries, Command, Imu, Sonar, Velocity
 from slam.simulation.chance import generator
 from slam.simulation.instruments import Rate
 from slam.simulation.model import Model

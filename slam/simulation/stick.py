@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import Command
+from slam.core.streams import Command
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from frontend.features import FeatureConfig
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, GeoOrigin, Gps
-from slam.core.geodesy import enu_from_geodetic, geodetic_from_enu
+from slam.core.flight import Flight
+from slam.core.geodesy import GeoOrigin, enu_from_geodetic, geodetic_from_enu
+from slam.core.streams import Gps
 from slam.evaluation import evaluate
 from slam.evaluation.trajectory import Similarity, umeyama
 from slam.io.photos.import_photos import import_photos

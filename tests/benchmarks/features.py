@@ -21,7 +21,8 @@ from frontend.features import Extractor, FeatureKind
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import overlap, register
-from slam.core.flight import Flight, Image
+from slam.core.flight import Flight
+from slam.core.streams import Image
 from slam.evaluation.association import poses_at
 from slam.io.flight_folder import read_flight
 from slam.io.photos.import_photos import import_photos

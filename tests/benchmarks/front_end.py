@@ -29,8 +29,9 @@ from frontend.features import Features
 from frontend.keyframes import KeyframeConfig
 from frontend.scale_space import CONTRAST, EDGE_RATIO
 from frontend.sift import Sift
-from slam.core.flight import Flight, Frames, Image
+from slam.core.flight import Flight
 from slam.core.progress import silent
+from slam.core.streams import Frames, Image
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd
 from slam.simulation import simulate

@@ -17,11 +17,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import Flight, Frames, Gps
+from slam.core.flight import Flight
 from slam.core.flight_info import describe
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic, geodetic_from_enu
 from slam.core.progress import silent
 from slam.core.stage_timer import Stopwatch
+from slam.core.streams import Frames, Gps
 from slam.evaluation.trajectory import umeyama
 from slam.io.photos.import_photos import import_photos
 from slam.mapping.config import PipelineConfig

@@ -25,8 +25,9 @@ from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
 from slam.cli.source import import_source
-from slam.core.flight import AttitudeSeries, Flight, Sonar, Truth
+from slam.core.flight import Flight
 from slam.core.progress import silent
+from slam.core.streams import AttitudeSeries, Sonar, Truth
 from slam.evaluation import evaluate
 from slam.mapping.pipeline import optimize
 from slam.report.rasters.mosaic import write_mosaic

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.flight import Truth
+from slam.core.streams import Truth
 
 Array = NDArray[np.float64]
 

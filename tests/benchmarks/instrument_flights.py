@@ -16,7 +16,8 @@ import numpy as np
 from scipy.stats import norm
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.flight import Flight, Imu, Sonar
+from slam.core.flight import Flight
+from slam.core.streams import Imu, Sonar
 from slam.mapping.config import SensorTrust
 from slam.simulation import simulate
 from slam.simulation.recipe import Recipe, load_recipe, recipe_from

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from frontend.features import FeatureConfig
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Gps
+from slam.core.flight import Flight
 from slam.core.geodesy import enu_from_geodetic
+from slam.core.streams import Gps
 from slam.evaluation.trajectory import umeyama
 from slam.io.photos.import_photos import import_photos
 from slam.mapping.pipeline import optimize

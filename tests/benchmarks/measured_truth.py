@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam.core.flight import AttitudeSeries, Flight, Sonar, Velocity
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Sonar, Velocity
 from slam.simulation.replay.channels import truth_angles
 
 EARTH_RADIUS_M = 6371000.0

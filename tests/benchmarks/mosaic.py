@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Frames
+from slam.core.flight import Flight
+from slam.core.streams import Frames
 from slam.report.rasters.mosaic import write_mosaic
 from tests.benchmarks.apart import peak_mb, run_apart
 from tests.benchmarks.metric import Metric, at_most, reported

@@ -22,7 +22,7 @@ from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.lift import lift
 from frontend.registration import Registration, overlap, register
-from slam.core.flight import Image
+from slam.core.streams import Image
 from slam.mapping.config import PipelineConfig
 from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import Film, film_flight

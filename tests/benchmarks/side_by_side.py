@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.core.flight import Flight, Frames
+from slam.core.flight import Flight
+from slam.core.streams import Frames
 from slam.evaluation.association import associate
 from slam.evaluation.landmarks import seen_at
 from slam.evaluation.trajectory import umeyama

@@ -12,8 +12,9 @@ from typing import Any
 from slam.cli.graph import solve_graph
 from slam.cli.options import pipeline_config
 from slam.core.estimate import Estimate
-from slam.core.flight import STREAMS, Flight
+from slam.core.flight import Flight
 from slam.core.progress import silent
+from slam.core.streams import STREAMS
 from slam.io.estimate import write_estimate
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.photos.import_photos import import_photos

@@ -9,8 +9,9 @@ import numpy as np
 from backend.measurements import LinkCheck, Rejection, RelativePose
 from backend.pose_graph.solution import RangeErrors
 from slam.core.estimate import Estimate, LoopVerdict
-from slam.core.flight import Flight, Sonar
+from slam.core.flight import Flight
 from slam.core.messages import Message, as_reason, joined, recorded
+from slam.core.streams import Sonar
 
 REJECTION = Rejection(LinkCheck.OTHER, "12 matches, 30 are needed")
 

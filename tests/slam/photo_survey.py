@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.control_points import PictureView, SurveyedPoint
-from slam.core.flight import AttitudeSeries, Flight, Frames, GeoOrigin, Gps
-from slam.core.geodesy import geodetic_from_enu
+from slam.core.flight import Flight
+from slam.core.geodesy import GeoOrigin, geodetic_from_enu
 from slam.core.rotations import roll_pitch_yaw_of
+from slam.core.streams import AttitudeSeries, Frames, Gps
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)
 SIZE_PX, FOCAL_PX, HEIGHT_M = (480, 360), 480.0, 30.0

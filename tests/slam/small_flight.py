@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from slam import simulate
-from slam.core.flight import Flight, Frames, GeoOrigin, Gps, Image
-from slam.core.geodesy import geodetic_from_enu
+from slam.core.flight import Flight
+from slam.core.geodesy import GeoOrigin, geodetic_from_enu
+from slam.core.streams import Frames, Gps, Image
 from slam.simulation.recipe import Recipe, recipe_from
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)

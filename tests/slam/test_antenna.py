@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Gps
+from slam.core.flight import Flight
 from slam.core.geodesy import geodetic_from_enu
+from slam.core.streams import Gps
 from slam.evaluation import evaluate
 from slam.mapping import main_loop
 from slam.mapping.pipeline import optimize

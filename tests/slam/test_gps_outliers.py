@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Gps
+from slam.core.flight import Flight
 from slam.core.geodesy import enu_from_geodetic, geodetic_from_enu
+from slam.core.streams import Gps
 from slam.core.units import SPACE
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.pipeline import optimize

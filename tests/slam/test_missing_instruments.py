@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.flight import Flight, Scalar, Sonar, Truth
+from slam.core.flight import Flight
 from slam.core.geodesy import geodetic_from_enu
+from slam.core.streams import Scalar, Sonar, Truth
 from slam.evaluation import evaluate
 from slam.mapping.pipeline import optimize
 from slam.report.facts import gather

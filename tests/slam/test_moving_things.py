@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slam.core.flight import Frames
+from slam.core.streams import Frames
 from slam.evaluation import evaluate
 from slam.mapping.pipeline import optimize
 from slam.simulation import simulate

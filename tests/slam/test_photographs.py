@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.flight import Frames
+from slam.core.streams import Frames
 from slam.core.summary import summarise
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import elsewhere, flown, only, photographs

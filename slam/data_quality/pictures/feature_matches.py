@@ -15,8 +15,9 @@ from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
-from slam.core.flight import Flight, Frame
+from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
+from slam.core.streams import Frame
 from slam.data_quality.lost_pictures import missing
 from slam.data_quality.pictures.cells import CELL_STEPS, MOST_PAIRS, Cells, compared
 from slam.data_quality.pictures.cross_check import confirmed

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from frontend.retrieval import as_float
 from frontend.store import FeatureStore
-from slam.core.flight import Image
+from slam.core.streams import Image
 
 Float32 = NDArray[np.float32]
 

@@ -16,11 +16,11 @@ import numpy as np
 
 from backend.wording import counted, either
 from slam.core.errors import InputError
-from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east, position_fault
 from slam.core.height_systems import UNKNOWN
 from slam.core.messages import Line, about, as_note
 from slam.core.names import listed
+from slam.core.streams import Gps
 from slam.io.files import brief, read_text, shown
 from slam.io.gcp_list import FILE_NAME
 from slam.io.photos.photo_set import Photo

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted, either
-from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.height_systems import UNKNOWN
 from slam.core.messages import Line, as_note
 from slam.core.names import listed
+from slam.core.streams import Gps
 from slam.io.gps_accuracy import median_and_each
 from slam.io.photos.photo_set import Photo
 from slam.io.photos.position import RTK_SOLUTIONS, UNSIGNED, PhotoPosition

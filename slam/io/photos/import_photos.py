@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted
-from slam.core.flight import AttitudeSeries, Flight, Frames, Scalar
+from slam.core.flight import Flight
 from slam.core.messages import Line, as_messages, as_note
 from slam.core.names import listed
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
+from slam.core.streams import AttitudeSeries, Frames, Scalar
 from slam.io.files import brief
 from slam.io.gcp_list import with_own_points
 from slam.io.images import PictureFiles, common_levels

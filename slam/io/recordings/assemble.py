@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slam.core.flight import Flight, Frames
+from slam.core.flight import Flight
 from slam.core.messages import Line, about, as_message, as_unread
 from slam.core.progress import Progress, silent
 from slam.core.stream_source import NO_STREAM, StreamSource
+from slam.core.streams import Frames
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, check_limits
 from slam.io.files import brief

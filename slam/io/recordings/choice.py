@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from slam.core.errors import InputError
-from slam.core.flight import FIELD_BY_FOLDER
 from slam.core.names import listed
+from slam.core.streams import FIELD_BY_FOLDER
 from slam.io.files import brief, refusal
 from slam.io.recordings.recording import Offer, Recording
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.core.flight import Image
 from slam.core.lens_priors import UNKNOWN_FOCAL_STD_RATIO
 from slam.core.messages import Line
+from slam.core.streams import Image
 from slam.io.files import read_bytes, refusal
 from slam.io.images import MAX_BYTES, UnreadableImageError, image_size
 from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px

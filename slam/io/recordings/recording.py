@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.core.flight import Image
 from slam.core.messages import Line
 from slam.core.progress import Progress
+from slam.core.streams import Image
 from slam.io.down_looking import Look
 from slam.io.sensor_yaml import Value
 

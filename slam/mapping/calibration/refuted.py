@@ -21,9 +21,9 @@ from backend.bundle.lens_evidence import VERY_STRONG, log_evidence_of_priors
 from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
 from frontend.camera import Camera
-from slam.core.flight import Gps
 from slam.core.lens_priors import PLAUSIBLE_FOCAL, as_assumed, as_nominal
 from slam.core.messages import Line, Message, about
+from slam.core.streams import Gps
 from slam.mapping.calibration.antenna import FARTHEST, NOMINAL_ANTENNA_STD_M, refusal_of_antenna
 from slam.mapping.map import Map
 from slam.mapping.part_measurements import pinhole_model

@@ -19,7 +19,7 @@ from frontend.registration import Registration
 from frontend.rolling_shutter import NeighbourView, RowMotion, global_shutter_homography
 from frontend.store import FeatureStore
 from frontend.tracked import IntermediateFrame
-from slam.core.flight import Imu
+from slam.core.streams import Imu
 from slam.mapping.front_end import Observations
 
 Array = NDArray[np.float64]

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from backend.measurements import Inertial, InertialNoise, ReportedMotion, ReportedNoise, TrackedFrame
 from frontend.camera import Camera
 from frontend.homography import transfer
-from slam.core.flight import AttitudeSeries, Flight, Imu, Velocity
+from slam.core.flight import Flight
 from slam.core.instrument_readings import inertial_readings
 from slam.core.stream_anomalies import at_range_end
+from slam.core.streams import AttitudeSeries, Imu, Velocity
 from slam.inertial.variogram import noise_and_power
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import Observations

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from backend.wording import counted, either
 from slam.core.errors import InputError
-from slam.core.flight import STREAMS, Flight, Image
+from slam.core.flight import Flight
 from slam.core.messages import Line, about
 from slam.core.progress import Progress, silent
+from slam.core.streams import STREAMS, Image
 from slam.mapping.live.mapper import LiveMapper
 
 _POLL_S = 0.1

@@ -20,8 +20,9 @@ from frontend.tracked import Keyframe
 from slam.core.arguments import check_flight
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Image, Imu
+from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
+from slam.core.streams import Image, Imu
 from slam.mapping.config import PipelineConfig
 from slam.mapping.floor_visibility import without_horizon_frames
 from slam.mapping.front_end import FrontEnd

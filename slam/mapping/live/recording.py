@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from frontend.tracked import Keyframe
 from slam.core.errors import InputError
-from slam.core.flight import AttitudeSeries, Flight, Frames, Image, Imu, Sonar
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Frames, Image, Imu, Sonar
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 from backend.clocks.picture_clock import SURE
 from backend.wording import counted
 from slam.core.errors import InputError
-from slam.core.flight import FIELD_BY_FOLDER, STREAMS, Flight
+from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
 from slam.core.stream_source import StreamSource
+from slam.core.streams import FIELD_BY_FOLDER, STREAMS
 from slam.mapping.recording_clocks.align import KnownClock, align
 from slam.mapping.recording_clocks.cameras import chosen_camera
 from slam.mapping.recording_clocks.motion import RecordedMotion

@@ -14,11 +14,12 @@ from backend.clocks.delay_residuals import gyro_attitudes
 from backend.clocks.lag_profile import Signal
 from backend.clocks.picture_clock import GAIN_ERROR
 from backend.measurements import InertialReadings
-from slam.core.flight import Flight, Frames
+from slam.core.flight import Flight
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.instrument_readings import inertial_readings
 from slam.core.progress import Progress
 from slam.core.rotations import rotation_of
+from slam.core.streams import Frames
 from slam.mapping.calibration.picture_turns import picture_speeds, turned_attitudes
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations

@@ -10,9 +10,9 @@ from frontend.photographs import SearchedPhotograph
 from frontend.points import Points
 from frontend.registration import Registration
 from slam.core.checkpoints import Checkpoints, recall_as
-from slam.core.flight import Frames, Image
 from slam.core.packing import digest_of, pack
 from slam.core.picture_content import content_key
+from slam.core.streams import Frames, Image
 from slam.mapping.resume.registrations import KeptRegistrations
 
 

@@ -19,9 +19,10 @@ from frontend.registration import Registration
 from frontend.tracked import IntermediateFrame
 from frontend.tracking_state import Start, TrackedState, TrackingState
 from slam.core.checkpoints import Checkpoints, recall_as
-from slam.core.flight import STREAMS, Flight
+from slam.core.flight import Flight
 from slam.core.packing import digest_of, pack
 from slam.core.picture_content import content_key
+from slam.core.streams import STREAMS
 from slam.mapping.resume.registrations import PARTS
 from slam.mapping.tracked_pictures import TrackedPictures
 

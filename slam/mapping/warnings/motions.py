@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from backend.measurements import SlantRange
 from backend.preintegration.integrals import integrate
-from slam.core.flight import Flight, Imu
+from slam.core.flight import Flight
 from slam.core.instrument_readings import MAX_GAP_S
 from slam.core.rotations import roll_pitch_yaw_of
+from slam.core.streams import Imu
 from slam.mapping.keyframe_readings import heights_at, ranges_at
 from slam.mapping.obstacles import poses_between
 

@@ -16,7 +16,8 @@ from frontend.workers import Workers
 from slam.core.control_points import ControlReport
 from slam.core.errors import one_line
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Frames, Image
+from slam.core.flight import Flight
+from slam.core.streams import Frames, Image
 from slam.core.units import length
 from slam.report.answers.left_out import reason_in_words
 from slam.report.facts import median_height_m

@@ -12,9 +12,9 @@ from frontend.mosaic.memory import NO_MOSAIC_MEMORY, StageMemory
 from frontend.mosaic.plan import MosaicPlan
 from frontend.surface.dense import DenseHeights
 from slam.core.checkpoints import Checkpoints, recall_as
-from slam.core.flight import Frames
 from slam.core.packing import digest_of, pack
 from slam.core.picture_content import content_key
+from slam.core.streams import Frames
 
 
 class KeptJobs:

@@ -17,7 +17,7 @@ from frontend.mosaic.plan import plan_mosaic
 from frontend.mosaic.render import render_tiles
 from frontend.views import Load
 from frontend.workers import Workers
-from slam.core.flight import Image
+from slam.core.streams import Image
 
 Array = NDArray[np.float64]
 

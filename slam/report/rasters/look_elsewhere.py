@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from frontend.mosaic.view import MAX_OFF_NADIR
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Gps
+from slam.core.flight import Flight
 from slam.core.geodesy import enu_from_geodetic
+from slam.core.streams import Gps
 from slam.core.units import length
 
 _FARTHER = 1 / math.cos(MAX_OFF_NADIR)

@@ -24,10 +24,11 @@ from frontend.views import Load
 from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Image
+from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin
 from slam.core.lost_pictures import REDUNDANT
 from slam.core.progress import Progress, silent
+from slam.core.streams import Image
 from slam.core.units import percent, unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
 from slam.report.rasters.kept_jobs import KeptJobs

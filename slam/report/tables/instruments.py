@@ -19,7 +19,8 @@ from slam.report.answers.streams import doubts
 from slam.report.heading import heading_doubt
 
 if TYPE_CHECKING:
-    from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Sonar, Velocity
+    from slam.core.flight import Flight
+    from slam.core.streams import AttitudeSeries, Gps, Imu, Scalar, Sonar, Velocity
 
 _TITLE = (
     "Instruments. The columns behind “doubted?” say how much of the uncertainty that is left each of them "

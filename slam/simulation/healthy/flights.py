@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import Flight, Frames
+from slam.core.flight import Flight
+from slam.core.streams import Frames
 from slam.simulation import sensors
 from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import film_flight

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import Flight, Truth
+from slam.core.flight import Flight
+from slam.core.streams import Truth
 from slam.simulation import sensors
 from slam.simulation.model import Model
 from slam.simulation.motion import Motion

@@ -13,7 +13,8 @@ from math import radians
 import numpy as np
 
 from frontend.camera import Camera
-from slam.core.flight import Flight, Image
+from slam.core.flight import Flight
+from slam.core.streams import Image
 from slam.simulation.camera.effects import CameraEffects, true_camera
 from slam.simulation.camera.photometry import Light, falloff
 from slam.simulation.terms.term import BODY_AXES, Array, Parameter, Term, signed, size

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from slam.core.flight import Flight, Velocity
+from slam.core.flight import Flight
 from slam.core.rotations import up_at
+from slam.core.streams import Velocity
 from slam.simulation.state import PITCH, ROLL, YAW, Z
 from slam.simulation.terms.term import Array, Term, signed
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from slam.core.flight import Flight, Sonar
+from slam.core.flight import Flight
 from slam.core.rotations import up_at
+from slam.core.streams import Sonar
 from slam.simulation.terms.term import BODY_AXES, Array, Parameter, Term, signed, size
 
 ASSUMED_DEG_C = 20.0

@@ -6,7 +6,8 @@ pictures.
 
 from __future__ import annotations
 
-from slam.core.flight import VEHICLE_CLOCK_STREAMS, Flight
+from slam.core.flight import Flight
+from slam.core.streams import VEHICLE_CLOCK_STREAMS
 from slam.simulation.terms.term import FAST_TILTS, Array, Term, signed, size
 
 

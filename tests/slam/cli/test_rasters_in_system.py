@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 from slam.cli import app
 from slam.cli.output_folder import OPTIMIZE_NAMES, RASTERS_IN_SYSTEM, output_folder
 from slam.cli.results import _write_in_system
-from slam.core.flight import Gps
 from slam.core.geodesy import GeoOrigin, geodetic_from_enu
 from slam.core.messages import Kind, as_message
+from slam.core.streams import Gps
 from slam.io.exports.geotiff import RASTERS
 from slam.io.flight_folder import write_flight
 from slam.io.geotiff import Grid, write_bands

@@ -14,7 +14,8 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from slam.cli import app
-from slam.core.flight import Flight, Imu
+from slam.core.flight import Flight
+from slam.core.streams import Imu
 from slam.io.flight_writer import write_flight
 from tests.slam.cli.test_cli import SQUARE
 from tests.slam.cli.test_flights import RECIPE

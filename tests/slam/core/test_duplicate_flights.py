@@ -9,8 +9,9 @@ import pytest
 
 from slam.core.duplicate_flights import same_recording, shared_s, without_duplicates, without_overlaps
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Sonar
+from slam.core.flight import Flight
 from slam.core.join_flights import join_flights
+from slam.core.streams import Sonar
 from slam.criticism import criticise
 from slam.simulation import simulate
 from slam.simulation.healthy.flights import simulate_flight

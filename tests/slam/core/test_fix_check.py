@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from slam.core.fix_check import check_fixes
-from slam.core.flight import Flight, Frames, Gps
+from slam.core.flight import Flight
 from slam.core.flight_info import describe
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic, geodetic_from_enu
+from slam.core.streams import Frames, Gps
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)
 STD = (5.0, 5.0, 10.0)

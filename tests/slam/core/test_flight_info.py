@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 from frontend.camera import Camera
 from slam.cli.flight_tables import print_info
 from slam.core.control_points import SurveyedPoint
-from slam.core.flight import Flight, Imu, Sonar
+from slam.core.flight import Flight
 from slam.core.flight_info import describe
 from slam.core.instrument_readings import inertial_readings
 from slam.core.messages import about
 from slam.core.stream_anomalies import camera_anomalies, clipping_anomalies
+from slam.core.streams import Imu, Sonar
 from slam.io.flight_folder import read_flight
 from tests.slam.io.made_flight import made_flight
 

@@ -8,8 +8,13 @@ from numpy.testing import assert_allclose
 from rasterio.warp import transform
 from scipy.spatial.distance import pdist
 
-from slam.core.flight import GeoOrigin
-from slam.core.geodesy import ecef_from_geodetic, enu_from_geodetic, geodetic_from_ecef, geodetic_from_enu
+from slam.core.geodesy import (
+    GeoOrigin,
+    ecef_from_geodetic,
+    enu_from_geodetic,
+    geodetic_from_ecef,
+    geodetic_from_enu,
+)
 
 
 def points(seed, n=500, low_m=-1e3, high_m=1e5):

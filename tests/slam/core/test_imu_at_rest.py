@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.flight import Imu
 from slam.core.imu_at_rest import gravity_reading
 from slam.core.stream_anomalies import imu_axis_anomalies
+from slam.core.streams import Imu
 
 
 @pytest.mark.parametrize("gravity_m_s2", [0.0, GRAVITY_M_S2])

@@ -12,8 +12,9 @@ from backend import se3
 from slam import evaluate, optimize
 from slam.cli import app
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Gps
+from slam.core.flight import Flight
 from slam.core.join_flights import JOINED_STREAMS, PAUSE_S, join_flights
+from slam.core.streams import Gps
 from slam.io.estimate import read_estimate
 from slam.io.flight_writer import write_flight
 from tests.slam.small_flight import elsewhere, flown, gps_of, only, photographs, seeing

@@ -8,8 +8,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from slam.core.flight import Flight, Sonar
+from slam.core.flight import Flight
 from slam.core.notebook import trajectory_svg
+from slam.core.streams import Sonar
 from slam.criticism.verdict.criticism import Criticism
 from tests.slam.made_estimate import made_estimate
 

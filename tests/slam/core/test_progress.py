@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 
 from slam.cli import app
 from slam.cli.console import show_progress
-from slam.core.flight import Flight, Imu
+from slam.core.flight import Flight
 from slam.core.progress import Tally
+from slam.core.streams import Imu
 from slam.io.flight_writer import write_flight
 
 

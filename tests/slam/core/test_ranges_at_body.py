@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from slam.core.flight import AttitudeSeries, Flight, Sonar
+from slam.core.flight import Flight
 from slam.core.ranges_at_body import ranges_at_body
+from slam.core.streams import AttitudeSeries, Sonar
 
 
 def flown(b_T_s: np.ndarray, attitude: bool = True) -> tuple[Flight, np.ndarray]:

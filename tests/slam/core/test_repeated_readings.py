@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.core.flight import Flight, Imu, Sonar, Velocity
+from slam.core.flight import Flight
 from slam.core.flight_info import describe
 from slam.core.repeated_readings import repeated_readings, without_held_readings
+from slam.core.streams import Imu, Sonar, Velocity
 
 
 def read(range_m: np.ndarray) -> Flight:

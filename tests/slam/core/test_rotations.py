@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from slam.core.flight import AttitudeSeries
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of, up_at
+from slam.core.streams import AttitudeSeries
 
 STAMPS_S = np.array([0.0, 1.0, 2.0])
 

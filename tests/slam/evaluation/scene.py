@@ -9,7 +9,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from frontend.camera import Camera
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Truth
+from slam.core.flight import Flight
+from slam.core.streams import Truth
 
 CAMERA = Camera((300.0, 300.0), (159.5, 119.5), (320, 240))
 

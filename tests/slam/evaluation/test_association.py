@@ -9,9 +9,10 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Frames, GeoOrigin, Gps, Truth
-from slam.core.geodesy import geodetic_from_enu
+from slam.core.flight import Flight
+from slam.core.geodesy import GeoOrigin, geodetic_from_enu
 from slam.core.messages import about
+from slam.core.streams import Frames, Gps, Truth
 from slam.evaluation import evaluate
 from slam.evaluation.association import associate
 from slam.evaluation.coarse_truth import BETWEEN_ROWS

@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
-from slam.core.flight import Flight, Truth
+from slam.core.flight import Flight
+from slam.core.streams import Truth
 from slam.evaluation import evaluate
 from slam.evaluation.landmarks import PAPER_DISTANCES_M as PAPER
 from slam.evaluation.landmarks import over_papers_ground, seen_at

@@ -11,7 +11,9 @@ import pytest
 from PIL import Image
 
 from slam.core.errors import InputError
-from slam.core.flight import Flight, GeoOrigin, Gps
+from slam.core.flight import Flight
+from slam.core.geodesy import GeoOrigin
+from slam.core.streams import Gps
 from slam.evaluation import evaluate
 from slam.evaluation.plots import error_figure, trajectory_figure, write_plots
 from slam.report.tables.evaluation import accuracy_tables

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.flight import Truth
+from slam.core.streams import Truth
 from slam.evaluation import evaluate
 from slam.report.tables.evaluation import evaluated
 from tests.slam.evaluation.scene import disturbed, estimate_of, flight_of, smooth_poses

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.flight import AttitudeSeries, Velocity
 from slam.core.rotations import roll_pitch_yaw_of
+from slam.core.streams import AttitudeSeries, Velocity
 from slam.evaluation.thesis_values import FREEDOM_MM, HALL, MAGAZINES, PATH_M
 from slam.experiments import eights
 from slam.experiments.experiment import Trial

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from backend.ekf.inputs import FilterModel
-from slam.core.flight import AttitudeSeries, Flight, Imu, Sonar, Truth, Velocity
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Imu, Sonar, Truth, Velocity
 from tests.backend.made_motion import Noise, fly, read
 
 RATE_HZ = 100.0

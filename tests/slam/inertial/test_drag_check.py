@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.flight import Flight, Gps
+from slam.core.flight import Flight
+from slam.core.streams import Gps
 from slam.inertial.drag_check import air_velocity, drag_contradiction
 from slam.inertial.filter_input import filter_input
 from slam.inertial.instruments import InertialTrust

@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from slam.core.errors import InputError
-from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Velocity
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Gps, Imu, Scalar, Velocity
 from slam.inertial.filter_input import Adjustments, filter_input
 from slam.inertial.variogram import MARGIN, correlated_process, noise_and_power
 from slam.inertial.zero_velocity import RestWindows, zero_velocity_times

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.flight import AttitudeSeries, Flight, Imu, Sonar
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Imu, Sonar
 from slam.inertial.filter_input import filter_input
 from slam.inertial.imu_motion import ImuMotion
 from slam.inertial.instruments import InertialTrust

@@ -7,7 +7,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from slam.core.flight import Flight, Gps, Imu
+from slam.core.flight import Flight
+from slam.core.streams import Gps, Imu
 from slam.inertial.filter_input import Adjustments, filter_input
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.navigate import _unobserved

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.flight import VEHICLE_CLOCK_STREAMS, Flight
+from slam.core.flight import Flight
+from slam.core.streams import VEHICLE_CLOCK_STREAMS
 from slam.inertial.filter_input import filter_input
 from slam.inertial.navigate import _lost_in_pauses, navigate
 from slam.inertial.velocity_check import velocity_contradiction

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.core.flight import Flight, Imu
+from slam.core.flight import Flight
+from slam.core.streams import Imu
 from slam.inertial.zero_velocity import RestWindows
 
 

@@ -6,19 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
-from slam.core.flight import (
-    AttitudeSeries,
-    Command,
-    Flight,
-    Frames,
-    Gps,
-    Imu,
-    Motor,
-    Scalar,
-    Sonar,
-    Truth,
-    Velocity,
-)
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Command, Frames, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
 
 EPOCH_NS = 1_603_996_430_503_655_000
 SIZE = (48, 36)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Gps, Sonar, Velocity
+from slam.core.flight import Flight
+from slam.core.streams import Gps, Sonar, Velocity
 from slam.io.flight_folder import read_flight
 from slam.io.flight_writer import write_flight
 

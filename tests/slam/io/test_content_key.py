@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slam.core.flight import Frames
 from slam.core.join_flights import JoinedPictures
+from slam.core.streams import Frames
 from slam.io.content_key import digest_with, file_key, source_key
 from slam.io.images import PictureFiles
 from slam.io.levels import Levels

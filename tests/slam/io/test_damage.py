@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from slam.core.flight import STREAMS, Flight
+from slam.core.flight import Flight
 from slam.core.flight_info import describe
+from slam.core.streams import STREAMS
 from slam.io.flight_folder import read_flight, write_flight
 from tests.slam.io.made_flight import made_flight
 

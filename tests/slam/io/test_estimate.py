@@ -19,8 +19,8 @@ from frontend.camera import Camera
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, GroundFacts, LoopVerdict
-from slam.core.flight import GeoOrigin
 from slam.core.floor_points import FloorPoints
+from slam.core.geodesy import GeoOrigin
 from slam.core.messages import about, as_note, as_reason
 from slam.io.estimate import read_estimate, write_estimate
 from slam.io.estimate_text import loops_text, trajectory_text

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from slam.core.errors import InputError
-from slam.core.flight import (
+from slam.core.flight import Flight
+from slam.core.streams import (
     FIELD_BY_FOLDER,
     STREAMS,
     AttitudeSeries,
     Command,
-    Flight,
     Frames,
     Gps,
     Imu,

@@ -14,10 +14,11 @@ from frontend.camera import Camera
 from slam.cli.optimize import _joined
 from slam.core.control_points import PictureView
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Frames, Gps
+from slam.core.flight import Flight
 from slam.core.geodesy import ECCENTRICITY_2
 from slam.core.join_flights import join_flights
 from slam.core.messages import Kind, as_message
+from slam.core.streams import Frames, Gps
 from slam.core.surveyed_flight import with_surveyed
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.gcp_list import read_gcp_list, with_own_points, without_own_points

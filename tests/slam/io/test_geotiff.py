@@ -17,8 +17,7 @@ from rasterio.warp import transform
 
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
-from slam.core.flight import GeoOrigin
-from slam.core.geodesy import geodetic_from_enu
+from slam.core.geodesy import GeoOrigin, geodetic_from_enu
 from slam.core.summary import summarise
 from slam.io.geotiff import Block, Grid, height_tags, write_bands, write_geotiff, write_png
 from slam.report.coordinates import datum_text

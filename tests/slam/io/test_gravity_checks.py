@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Imu, Truth
+from slam.core.flight import Flight
+from slam.core.streams import Imu, Truth
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.gravity_checks import check_gyro_by_gravity, check_quaternion_order
 from slam.simulation import simulate

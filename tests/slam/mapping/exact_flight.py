@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
 from frontend.registration import Registration
-from slam.core.flight import AttitudeSeries, Flight, Sonar
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Sonar
 from slam.mapping.config import PipelineConfig
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.setup import Setup

@@ -10,9 +10,10 @@ import pytest
 from frontend.homography import transfer
 from frontend.registration import Registration
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Gps
+from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic, geodetic_from_enu
 from slam.core.progress import silent
+from slam.core.streams import Gps
 from slam.evaluation.association import poses_at
 from slam.evaluation.nees import nees
 from slam.evaluation.trajectory import gauge

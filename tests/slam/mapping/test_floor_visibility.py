@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.core.flight import AttitudeSeries, Flight, Frames
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Frames
 from slam.mapping.floor_visibility import horizon_masks, joined, without_horizon_frames
 from slam.mapping.obstacles import no_masks
 

@@ -16,8 +16,9 @@ from frontend.features import FeatureConfig
 from frontend.loops import verify
 from frontend.registration import Registration
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Frames
+from slam.core.flight import Flight
 from slam.core.progress import silent
+from slam.core.streams import Frames
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.read_ahead import read_ahead

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Gps, Scalar, Sonar
-from slam.core.geodesy import geodetic_from_enu
+from slam.core.flight import Flight
+from slam.core.geodesy import GeoOrigin, geodetic_from_enu
+from slam.core.streams import AttitudeSeries, Gps, Scalar, Sonar
 from slam.mapping.config import PipelineConfig
 from slam.mapping.gps.fixes import fixes_of
 from slam.mapping.keyframe_readings import (

@@ -13,7 +13,7 @@ from backend.errors import BackendError
 from backend.measurements import FloorTracks, RelativePose
 from frontend.points import Points
 from frontend.tracks import join_tracks
-from slam.core.flight import Truth
+from slam.core.streams import Truth
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.lift_edges import Edges, lift_edges
 from slam.mapping.part_measurements import refine_part

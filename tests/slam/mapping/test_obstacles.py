@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from slam import optimize
-from slam.core.flight import Flight, Sonar
+from slam.core.flight import Flight
+from slam.core.streams import Sonar
 from slam.evaluation import evaluate
 from slam.evaluation.association import poses_at
 from slam.mapping.config import MaskingConfig, PipelineConfig

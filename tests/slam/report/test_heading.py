@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.flight import AttitudeSeries
 from slam.core.instrument_errors import AttitudeErrors
+from slam.core.streams import AttitudeSeries
 from slam.report.heading import heading_doubt
 from tests.slam.made_estimate import made_estimate, made_flight
 from tests.slam.report.answers.asked import answers

@@ -15,9 +15,10 @@ from rich.console import Console
 from backend.measurements import LinkCheck, Rejection
 from slam.cli.tables import outcome_table
 from slam.core.estimate import LoopVerdict
-from slam.core.flight import GeoOrigin, Truth
+from slam.core.geodesy import GeoOrigin
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE, as_message, as_reason
 from slam.core.plot_style import ground_labels
+from slam.core.streams import Truth
 from slam.core.summary import summarise
 from slam.core.units import length
 from slam.evaluation.aligned_maps import chain_on_result

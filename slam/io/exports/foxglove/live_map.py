@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.core.flight import Image
+from slam.core.streams import Image
 from slam.io.exports.bag_messages import BODY, CAMERA, WORLD
 from slam.io.exports.foxglove import messages
 from slam.io.exports.foxglove.foxglove_file import FoxgloveFile

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from frontend.camera import Camera
-from slam.core.flight import Image
+from slam.core.streams import Image
 
 WIDTH_PX = 1280
 """Largest width: a panel beside the 3D view is no wider, on a screen of 2560 pixels."""

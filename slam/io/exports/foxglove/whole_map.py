@@ -11,9 +11,9 @@ from frontend.camera import Camera
 from frontend.workers import Workers
 from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
-from slam.core.flight import Frames
 from slam.core.messages import Kind, Message, by_kind
 from slam.core.names import listed
+from slam.core.streams import Frames
 from slam.io.exports.bag_messages import BODY, CAMERA, WORLD
 from slam.io.exports.exported_map import ExportedMap
 from slam.io.exports.foxglove import messages

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.errors import InputError
-from slam.core.flight import Image
 from slam.core.rotations import rotation_of
+from slam.core.streams import Image
 from slam.io.images import UnreadableImageError, decode_image
 from slam.io.levels import levels_of, range_of
 from slam.io.recordings.readers import damage_reported

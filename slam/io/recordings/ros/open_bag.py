@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C
-from slam.core.flight import Image
 from slam.core.messages import Line
+from slam.core.streams import Image
 from slam.io.content_key import digest_with, source_key
 from slam.io.files import brief
 from slam.io.images import UnreadableImageError, levels_of_sample, sample_of

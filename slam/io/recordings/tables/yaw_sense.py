@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.messages import Line, as_note
+from slam.core.streams import Gps
 from slam.io.files import brief
 from slam.io.recordings.logs.field_values import Fields, column, columns
 from slam.io.recordings.tables.columns import Column

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import Image
+from slam.core.streams import Image
 from slam.io.content_key import digest_with, file_key
 from slam.io.files import brief, refusal
 from slam.io.images import UnreadableImageError

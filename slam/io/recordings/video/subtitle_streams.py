@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.core.flight import Gps
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.lens_priors import PLAUSIBLE_FOCAL, UNKNOWN_FOCAL_STD_RATIO
 from slam.core.messages import Line, as_note
 from slam.core.rotations import roll_pitch_yaw_of
+from slam.core.streams import Gps
 from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, tilt_deg
 from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam.core.flight import Command, Flight, Sonar
+from slam.core.flight import Flight
+from slam.core.streams import Command, Sonar
 from slam.criticism.kalman.filter import GATE
 from slam.criticism.kalman.record import record_of
 

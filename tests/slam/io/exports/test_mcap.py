@@ -14,9 +14,10 @@ from backend.measurements import LinkCheck, Rejection, RelativePose
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.estimate import LoopVerdict
-from slam.core.flight import Flight, Frames
+from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin
 from slam.core.messages import about, as_reason
+from slam.core.streams import Frames
 from slam.io.exports.formats import export_map
 from slam.io.geotiff import Block, Grid, write_bands, write_geotiff
 from slam.io.recordings.assemble import flight_of

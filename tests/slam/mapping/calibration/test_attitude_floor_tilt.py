@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from slam import optimize
-from slam.core.flight import AttitudeSeries, Flight
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries
 from slam.evaluation import evaluate
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
 from tests.slam.small_flight import flown

@@ -10,7 +10,8 @@ import pytest
 
 from backend import se3
 from backend.measurements import AlignedPair, Position
-from slam.core.flight import Flight, Scalar
+from slam.core.flight import Flight
+from slam.core.streams import Scalar
 from slam.evaluation import evaluate
 from slam.mapping.config import PipelineConfig
 from slam.mapping.inertial.bridges import joined

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.core.flight import AttitudeSeries, Flight, Imu, Velocity
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Imu, Velocity
 from slam.mapping.config import PipelineConfig
 from slam.mapping.inertial.measurements import inertial_measurements, reported_motion
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Frames, Sonar
+from slam.core.flight import Flight
+from slam.core.streams import Frames, Sonar
 from slam.mapping.live.arrival import follow_flight, replay_flight
 
 EPOCH_NS = 1_600_000_000_000_000_000

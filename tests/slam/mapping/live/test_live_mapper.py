@@ -13,7 +13,8 @@ import pytest
 
 from slam import LiveMapper
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Imu
+from slam.core.flight import Flight
+from slam.core.streams import Imu
 from slam.evaluation.association import poses_at
 from slam.mapping.live.loops import LiveLoops
 from slam.mapping.live.mapper import LATE, MOST_WAIT_S

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
-from slam.core.flight import Flight, Frames, Imu
+from slam.core.flight import Flight
 from slam.core.messages import about
 from slam.core.progress import silent
+from slam.core.streams import Frames, Imu
 from slam.mapping.recording_clocks.cameras import chosen_camera
 from slam.mapping.recording_clocks.join import join_recordings
 from tests.slam.io.recordings.ros.made_cameras import (

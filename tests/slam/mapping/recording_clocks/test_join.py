@@ -11,7 +11,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from slam.core.errors import InputError
-from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Truth, Velocity
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries, Gps, Imu, Scalar, Truth, Velocity
 from slam.mapping.recording_clocks.join import join_recordings
 
 LASTS_S, AHEAD_S = 150.0, 40.0

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slam.core.flight import Flight, Frames, Image
+from slam.core.flight import Flight
 from slam.core.packing import digest_of, pack
 from slam.core.progress import silent
+from slam.core.streams import Frames, Image
 from slam.io.checkpoint_file import CheckpointFile
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations

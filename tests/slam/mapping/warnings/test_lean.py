@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from slam.core.flight import AttitudeSeries, Flight
+from slam.core.flight import Flight
+from slam.core.streams import AttitudeSeries
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.warnings.lean import lean_warning
 

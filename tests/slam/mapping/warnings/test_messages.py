@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from slam import optimize
-from slam.core.flight import Gps, Sonar
 from slam.core.messages import Kind, Message
 from slam.core.stream_anomalies import stuck_ranges
+from slam.core.streams import Gps, Sonar
 from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
 from slam.mapping.warnings.accuracy_basis import VAGUE_SCALE_STD, scale_warning, vague_lengths_warning
 from slam.mapping.warnings.messages import MOST_STUCK, judged_anomalies

@@ -9,7 +9,7 @@ import pytest
 
 from frontend.camera import Camera
 from slam.core.estimate import GroundFacts
-from slam.core.flight import GeoOrigin
+from slam.core.geodesy import GeoOrigin
 from slam.core.instrument_errors import AttitudeErrors, LensNumber
 from slam.core.messages import Message, about, as_note
 from slam.core.summary import summarise

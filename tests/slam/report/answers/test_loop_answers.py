@@ -10,7 +10,7 @@ import numpy as np
 from backend.measurements import LinkCheck, Rejection
 from backend.pose_graph.certificate import Certificate
 from slam.core.estimate import LoopVerdict
-from slam.core.flight import GeoOrigin
+from slam.core.geodesy import GeoOrigin
 from slam.core.summary import summarise
 from slam.core.units import length
 from slam.report.facts import median_height_m

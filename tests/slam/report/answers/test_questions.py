@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.core.flight import AttitudeSeries, GeoOrigin
+from slam.core.geodesy import GeoOrigin
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
+from slam.core.streams import AttitudeSeries
 from slam.core.summary import summarise
 from slam.core.units import error_length
 from slam.report.answers.advice import limit_sentence

@@ -11,8 +11,8 @@ import pytest
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan, plan_mosaic
 from frontend.mosaic.render import measure_exposure, render_tiles
-from slam.core.flight import Frames
 from slam.core.packing import digest_of, pack
+from slam.core.streams import Frames
 from slam.io.checkpoint_file import CheckpointFile
 from slam.report.rasters.kept_jobs import KeptJobs
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, pose, smooth_floor

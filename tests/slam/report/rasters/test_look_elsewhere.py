@@ -10,8 +10,9 @@ import pytest
 
 from backend.measurements import RelativePose
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.core.flight import AttitudeSeries, Flight, Frames, Gps
+from slam.core.flight import Flight
 from slam.core.geodesy import geodetic_from_enu
+from slam.core.streams import AttitudeSeries, Frames, Gps
 from slam.core.units import length
 from slam.mapping.pipeline import optimize
 from slam.report.rasters.look_elsewhere import looking_elsewhere

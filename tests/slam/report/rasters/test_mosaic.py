@@ -16,7 +16,9 @@ import slam.report.rasters.mosaic
 from frontend.mosaic.plan import plan_mosaic
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, over_floor
-from slam.core.flight import Flight, Frames, GeoOrigin
+from slam.core.flight import Flight
+from slam.core.geodesy import GeoOrigin
+from slam.core.streams import Frames
 from slam.report.rasters.mosaic import write_chain_picture, write_mosaic
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, pose, smooth_floor, survey
 

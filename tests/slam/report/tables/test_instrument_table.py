@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.core.flight import Gps, Scalar
 from slam.core.messages import Message, about, as_note
+from slam.core.streams import Gps, Scalar
 from slam.core.units import error_length, percent
 from slam.report.tables.instruments import NOT_USED, instrument_table, unused_instruments
 from tests.slam.made_estimate import made_estimate, made_flight, saying

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.core.flight import Truth
+from slam.core.streams import Truth
 from slam.evaluation import evaluate
 from slam.report.tables.evaluation import accuracy_tables
 from slam.report.tables.truth import rows_about_truth, unit_of_truth

@@ -9,8 +9,9 @@ import pytest
 from slam import simulate
 from slam.cli.replay import table
 from slam.core.errors import InputError
-from slam.core.flight import AttitudeSeries, Command, Flight, Truth, Velocity
+from slam.core.flight import Flight
 from slam.core.messages import about, as_unread
+from slam.core.streams import AttitudeSeries, Command, Truth, Velocity
 from slam.simulation.model import Model
 from slam.simulation.recipe import recipe_from
 from slam.simulation.replay import replay
