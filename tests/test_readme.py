@@ -22,7 +22,7 @@ from slam.evaluation import evaluate
 from slam.io.csv_header import header_of
 from slam.io.estimate_arrays import SHAPES
 from slam.io.exports.formats import FORMATS
-from slam.io.landmarks import HEADER
+from slam.io.landmark_table import HEADER
 from slam.io.streams import COLUMNS, KNOWN_KEYS
 from slam.mapping.config import PipelineConfig
 from slam.report.criticism.write import VERDICTS

@@ -37,7 +37,7 @@ from slam.core.streams import (
 from slam.io.atomic import atomic_folder
 from slam.io.csv_header import header_of
 from slam.io.frames_writer import SUFFIXES, stamps_ns, write_frames
-from slam.io.landmarks import HEADER
+from slam.io.landmark_table import HEADER
 from slam.io.streams import COLUMNS, IMU_DENSITIES, Series
 
 Array = NDArray[np.float64]

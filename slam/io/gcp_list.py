@@ -9,10 +9,9 @@ point out, is an addition. ``landmarks.csv`` with pixels is read too (`slam.io.l
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +23,13 @@ from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
 from slam.core.messages import Line, Message, about, as_message, as_note
 from slam.core.names import listed
 from slam.core.surveyed_flight import faults_of
-from slam.io.files import brief, read_text, refusal
-from slam.io.landmark_views import has_views, listed_views
-from slam.io.survey_system import NAME_IT, SurveySystem
+from slam.io.files import read_text, refusal
+from slam.io.gcp_pictures import rows_in_flight
+from slam.io.gcp_views import ROW, GcpRow, Place, row_of, views_of_text
+from slam.io.landmark_table import LandmarkTable
+from slam.io.landmark_views import views_of_table
+from slam.io.picture_names import PictureNames
+from slam.io.survey_system import SurveySystem
 
 Array = NDArray[np.float64]
 
@@ -35,22 +38,6 @@ MAX_BYTES = 1 << 24
 FAR_M = 5000.0
 """A point farther from every fix is on no picture: flights of photographs cross some kilometres, at heights
 below one."""
-_ROW = "write x y z u v picture [name] [check]"
-
-
-_Place = tuple[float, float, float | None]
-"""x and y as written, and the height in metres; None for a height that is not a number."""
-
-
-@dataclass(frozen=True)
-class _Row:
-    """One view of a point."""
-
-    line: int
-    place: _Place
-    view: PictureView
-    name: str
-    is_check: bool
 
 
 def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...], list[Line]]:
@@ -60,27 +47,18 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     cannot be read, and where all points lie far from the flight.
     """
     text, notes = read_text(path, path.resolve().parent, MAX_BYTES)
-    table = listed_views(path, text, flight) if has_views(text) else None
-    if table is None:
-        lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
-        lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
+    table = LandmarkTable.of(path, text)
+    pictures = PictureNames.of(() if flight.frames is None else flight.frames.names)
+    if table.has_views:
+        views = views_of_table(table, flight.geo_origin())
     else:
-        lines = [(table.first, table.header), *table.lines]
-    if not lines:
-        raise refusal(path, "is empty", f"{NAME_IT}, and a line for each view of a point")
-    first, header = lines[0]
-    fields = _fields(header)
-    if len(fields) >= 6 and _numbers(fields[:5]) is not None:
-        raise refusal(path, "has a point in its first line, not a coordinate system", NAME_IT, first)
-    system = SurveySystem.named(path, first, header)
-    if len(lines) > 1 and not any(_numbers([field]) for field in _fields(lines[1][1])[:5]):
-        del lines[1]  # titles of the columns
-    pictures = _by_ending(() if flight.frames is None else flight.frames.names)
-    rows = [_row(path, number, line, pictures, system.height_unit_m) for number, line in lines[1:]]
+        views = views_of_text(path, text, pictures)
+    system = SurveySystem.named(path, views.line, views.system)
+    rows = [row_of(path, view, system.height_unit_m) for view in views.views]
     if not rows:
-        raise refusal(path, "holds no point", _ROW, first)
-    rows, unknown = _in_flight(path, rows, flight, pictures)
-    by_name: dict[str, list[_Row]] = {}
+        raise refusal(path, "holds no point", ROW, views.line)
+    rows, unknown = rows_in_flight(path, rows, flight, pictures)
+    by_name: dict[str, list[GcpRow]] = {}
     places = list(dict.fromkeys(row.place for row in rows))
     for row in rows:
         by_name.setdefault(row.name or f"GCP {places.index(row.place) + 1}", []).append(row)
@@ -91,9 +69,7 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     firsts = np.array([by_name[point.name][0].place[:2] for point in points])
     first_known = next((place for place in geodetic.values() if np.isfinite(place).all()), None)
     std_m = 0.0 if first_known is None else system.datum_std_m(*first_known)
-    origin = flight.geo_origin()
-    in_world = origin is not None and table is not None and table.in_world
-    heights = origin.height_system if in_world and origin is not None else system.height_system
+    heights = system.height_system if views.height_system is None else views.height_system
     points = [
         replace(point, datum_std_m=float(np.nan_to_num(std_m)), height_system=heights) for point in points
     ]
@@ -111,7 +87,7 @@ def with_own_points(flight: Flight, folder: Path) -> Flight:
     path = folder / FILE_NAME
     if not path.is_file():
         path = folder / LANDMARKS
-        if not path.is_file() or not has_views(read_text(path, folder, MAX_BYTES)[0]):
+        if not (path.is_file() and LandmarkTable.of(path, read_text(path, folder, MAX_BYTES)[0]).has_views):
             return flight
     flight = without_own_points(flight)  # lines that an import recorded about another list
     if flight.frames is None:
@@ -137,140 +113,7 @@ def without_own_points(flight: Flight) -> Flight:
     return replace(flight, surveyed=(), messages=others)
 
 
-def _numbers(fields: list[str]) -> list[float] | None:
-    try:
-        return [float(field) for field in fields]
-    except ValueError:
-        return None
-
-
-def _fields(text: str) -> list[str]:
-    """Return the fields of a line; commas are decimal ones where semicolons or tabs divide the fields."""
-    for separator in ("\t", ";", ","):
-        if text.count(separator) >= 5:
-            fields = [field.strip() for field in text.split(separator)]
-            decimal = separator != "," and any(re.fullmatch(r"-?\d+,\d+", field) for field in fields[:5])
-            numbers = [field.replace(",", ".") if decimal else field for field in fields[:5]]
-            return [field for field in (*numbers, *fields[5:]) if field]
-    return text.split()
-
-
-def _row(path: Path, line: int, text: str, pictures: Mapping[str, str], height_unit_m: float) -> _Row:
-    fields = _fields(text)
-    if len(fields) < 6:
-        raise refusal(path, f"has {len(fields)} fields, fewer than 6", _ROW, line)
-    numbers = _numbers(fields[:5])
-    if numbers is None or not all(map(math.isfinite, (*numbers[:2], *numbers[3:]))):
-        wrong = next(f for f in fields[:5] if _numbers([f]) is None or not math.isfinite(float(f)))
-        raise refusal(path, f"holds {brief(wrong, 40)!r} where a number is needed", _ROW, line)
-    x, y, z, u, v = numbers
-    words = fields[5:]
-    # A name of a picture may have blanks in it.
-    ends = (end for end in range(len(words), 1, -1) if _picture(" ".join(words[:end]), pictures) is not None)
-    end = next(ends, 1)
-    picture, rest = " ".join(words[:end]), words[end:]
-    is_check = "check" in (word.lower() for word in rest[1:])
-    place = x, y, z * height_unit_m if math.isfinite(z) else None
-    return _Row(line, place, PictureView(picture, u, v), rest[0] if rest else "", is_check)
-
-
-def _in_flight(
-    path: Path, rows: list[_Row], flight: Flight, names: Mapping[str, str]
-) -> tuple[list[_Row], list[Line]]:
-    """Return the rows of pictures of the flight, under its names of them, and a note about the others.
-
-    ``names`` are those of `_by_ending`.
-    """
-    camera = flight.camera
-    known, unknown = [], []
-    elsewhere = _of_other_folders(path, rows, flight, names)
-    for row in rows:
-        found = None if row.view.picture in elsewhere else _picture(row.view.picture, names)
-        is_bare = _file(row.view.picture) == row.view.picture
-        if is_bare and (found == "" or (found is None and _is_ambiguous(row.view.picture, names))):
-            what = f"names {brief(row.view.picture, 60)!r}, of which there are several"
-            raise refusal(path, what, "write its folder too", row.line)
-        if not found:  # of a folder whose pictures are not in the flight, as those of several others are
-            unknown.append(row)
-            continue
-        width, height = camera.size_px if camera else (math.inf, math.inf)
-        if not (-0.5 <= row.view.u_px <= width - 0.5 and -0.5 <= row.view.v_px <= height - 0.5):
-            pixel = f"has the pixel {row.view.u_px:g} {row.view.v_px:g}"
-            what = f"{pixel}, outside of {found} of {width} x {height} px"
-            raise refusal(path, what, "give pixels of the pictures as they are", row.line)
-        known.append(replace(row, view=row.view._replace(picture=found)))
-    missing = list(dict.fromkeys(brief(row.view.picture, 60) for row in unknown))
-    if not known:
-        what = f"names {missing[0]!r}, no picture of the flight, and no other line names one"
-        raise refusal(path, what, "write the names of its pictures", unknown[0].line)
-    if not unknown:
-        return known, []
-    note = (
-        f"{brief(path.name, 80)}, line {unknown[0].line}: no picture of the flight has this name; lines that "
-        f"are not used: {len(unknown)}, of {listed(missing)}; check the names"
-    )
-    return known, [note]
-
-
-def _of_other_folders(
-    path: Path, rows: list[_Row], flight: Flight, names: Mapping[str, str]
-) -> frozenset[str]:
-    """Return the pictures that have only their file name in common with one of the flight: the list has that
-    one too, with its folder. Raises ``InputError`` where no folder is known to be the flight's."""
-    of: dict[str, dict[str, tuple[str, ...]]] = {}
-    for row in rows:
-        if found := _picture(row.view.picture, names):
-            parts = PurePosixPath(row.view.picture.lower().replace("\\", "/")).parts
-            of.setdefault(found, {})[row.view.picture] = parts
-    others = set[str]()
-    for found, written in of.items():
-        folders = {picture: parts[-2] for picture, parts in written.items() if len(parts) > 1}
-        if len({*folders.values()}) < 2:
-            continue
-        own = {flight.name.lower(), *PurePosixPath(found.lower()).parts[:-1]}
-        strange = [
-            each
-            for each, folder in folders.items()
-            if folder not in own and folder + "_" not in found.lower()
-        ]
-        if len(strange) == len(folders):
-            what = f"names {brief(_file(found), 60)!r} in several folders, of which the flight has one"
-            raise refusal(path, what, "keep the lines of that folder")
-        others.update(strange)
-    return frozenset(others)
-
-
-def _by_ending(names: tuple[str, ...]) -> Mapping[str, str]:
-    """Return lower-case name, file name or its stem -> name; empty where several have it."""
-    found: dict[str, str] = {}
-    for name in names:
-        for key in {name.lower(), _file(name).lower(), PurePosixPath(name).stem.lower()}:
-            found[key] = name if key not in found or key == name.lower() else ""
-    return found
-
-
-def _picture(written: str, names: Mapping[str, str]) -> str | None:
-    """Return the flight's name of a picture, empty where several have the one that is written, None for none.
-
-    Photographs of one name in several folders have the folders in their names, joined by ``_``
-    (`slam.io.photos.search`).
-    """
-    parts = PurePosixPath(written.lower().replace("\\", "/")).parts
-    endings = (written.lower(), *("_".join(parts[k:]) for k in range(len(parts))))
-    return next((names[ending] for ending in endings if ending in names), None)
-
-
-def _is_ambiguous(written: str, names: Mapping[str, str]) -> bool:
-    """Return whether pictures of several folders have a file name that is written without a folder."""
-    ending = f"_{_file(written).lower()}"
-    return len({name for name in names.values() if name.lower().endswith(ending)}) > 1
-
-
-def _file(name: str) -> str:
-    return PurePosixPath(name.replace("\\", "/")).name
-
-
-def _point(name: str, rows: list[_Row], geodetic: Mapping[_Place, tuple[float, ...]]) -> SurveyedPoint:
+def _point(name: str, rows: list[GcpRow], geodetic: Mapping[Place, tuple[float, ...]]) -> SurveyedPoint:
     place = rows[0].place
     longitude, latitude = geodetic[place]
     views = tuple(dict.fromkeys(row.view for row in rows))
@@ -294,9 +137,9 @@ def _repeated(views: tuple[PictureView, ...]) -> list[str]:
     return list(dict.fromkeys(name for name in pictures if pictures.count(name) > 1))
 
 
-def _with_two_names(points: list[SurveyedPoint], by_name: Mapping[str, list[_Row]]) -> list[SurveyedPoint]:
+def _with_two_names(points: list[SurveyedPoint], by_name: Mapping[str, list[GcpRow]]) -> list[SurveyedPoint]:
     """Return the points with a fault for places that have two names."""
-    named: dict[_Place, list[str]] = {}
+    named: dict[Place, list[str]] = {}
     for point in points:
         named.setdefault(by_name[point.name][0].place, []).append(point.name)
     twice = {name: names for names in named.values() if len(names) > 1 for name in names}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rasterio.warp import transform
 
+from slam.core.control_points import PictureView
 from slam.core.errors import InputError
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.gcp_list import read_gcp_list
@@ -83,3 +84,29 @@ def test_a_folder_s_landmarks_with_pixels_are_followed_and_the_others_compared(t
     back = read_flight(tmp_path / "f")
     assert [point.name for point in back.surveyed] == ["north"]
     assert list(back.landmarks) == ["A"]
+
+
+VIEW = "p,1.0,2.0,3.0,DJI_0010.JPG,1,2"
+
+
+def test_titles_may_stand_in_quotes(tmp_path):
+    titles = '"name","x [m]","y","z","image","px","py"'
+    (point,), _ = read_gcp_list(table(tmp_path / "landmarks.csv", [titles, VIEW]), flight())
+    assert point.views == (PictureView("DJI_0010.JPG", 1.0, 2.0),)
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        (["name,x [ft],y [ft],z [ft],image,px,py", VIEW], "line 1: has the header 'name,x [ft],y [ft],"),
+        (["name,x,y,z,image,px,py", VIEW, '"' + "p" * 200_000], "is not a csv file"),
+        (["name,x,y,z,image,px,py", VIEW.replace("p", '"p\nq"', 1), "p,1,2,3"], "line 4: has 4 fields"),
+        (["# EPSG:32632", "name,x,y,z,image,px,py", "p,a,b,c,DJI_0010.JPG,d,e", VIEW], "line 3: holds 'a'"),
+        (["# EPSG:32632", "name,x,y,z,image,px,py", "p,1,2,,DJI_0010.JPG,3,4"], "line 3: holds ''"),
+    ],
+)  # fmt: skip
+def test_rows_with_pixels_are_read_by_the_rules_of_rows_without(tmp_path, lines, words):
+    """Feet counted as metres, and a damaged row ended the program or shifted the columns."""
+    with pytest.raises(InputError) as refusal:
+        read_gcp_list(table(tmp_path / "landmarks.csv", lines), flight())
+    assert words in str(refusal.value)
