@@ -281,4 +281,4 @@ def _kept_edges(map_: Map) -> tuple[RelativePose, ...]:
     """Return the accepted edges between placed keyframes, at the final heights, and the bridges."""
     accepted = zip(map_.edges.at_heights(map_.height_m), map_.graph.edge_kept, strict=True)
     kept = [r for r, ok in accepted if ok and np.isfinite(map_.w_T_b[[r.i, r.j]]).all()]
-    return (*kept, *map_.bridges)
+    return (*kept, *(bridge.edge for bridge in map_.bridges))

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from backend.bundle.refinement import Bundle
 from backend.clocks.picture_clock import PictureClock
-from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
 from frontend.registration import Registration
@@ -20,6 +19,7 @@ from slam.core.messages import Line
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.front_end import Observations
 from slam.mapping.gps.stated_accuracy import Contradiction
+from slam.mapping.inertial.bridge import Bridge
 from slam.mapping.lift_edges import Edges
 from slam.mapping.search_radius import KnownPoses
 from slam.mapping.setup import Setup
@@ -55,7 +55,7 @@ class Map:
     setups: tuple[Setup, ...] = ()
     """Inputs of the refinement of each part, with the fixes and control points that it uses."""
     warnings: tuple[Line, ...] = ()
-    """Each makes the status other than ok."""
+    """Each makes the status other than ok; surveyed points and bridges have further ones of their own."""
     remarks: tuple[Line, ...] = ()
     """Measurements that were left out without harm to the result."""
     no_scale: tuple[Line, ...] = ()
@@ -77,8 +77,8 @@ class Map:
     """Delay of the pictures' stamps behind the gyro's, from the largest part."""
     metric: bool = True
     """Whether lengths of the largest part are metres; otherwise the unit is the camera's mean height."""
-    bridges: tuple[RelativePose, ...] = ()
-    """Edges of kind ``inertial`` that join parts (`slam.mapping.inertial.bridges`)."""
+    bridges: tuple[Bridge, ...] = ()
+    """Joins of parts by instruments (`slam.mapping.inertial.bridges`)."""
     floor_points: FloorPoints | None = None
     """Points of the ground that each part's refinement has placed; None before it."""
 

@@ -32,9 +32,7 @@ from slam.mapping.metric_refinement import MetricRefinement, no_scale_line
 from slam.mapping.part_measurements import LEAST_SEEN, aligned_pairs, by_lines
 from slam.mapping.place_part import aligned_part, aligned_with_control, headed
 from slam.mapping.setup import Setup
-from slam.mapping.warnings.control_points import control_warnings
 from slam.mapping.warnings.convergence import convergence_warnings
-from slam.mapping.warnings.gps_offset import offset_remarks
 
 Array = NDArray[np.float64]
 
@@ -95,14 +93,8 @@ def refine_map(
         bundle=main.bundle if main else None,
         georeferenced=main.georeferenced if main else False,
         setups=tuple(part.setup for part in parts),
-        warnings=(
-            *(line for part in parts for line in part.warnings),
-            *(control_warnings(main.control) if main and main.control else ()),
-        ),
-        remarks=(
-            *(line for part in parts for line in part.remarks),
-            *(offset_remarks(main.control) if main and main.control else ()),
-        ),
+        warnings=tuple(line for part in parts for line in part.warnings),
+        remarks=tuple(line for part in parts for line in part.remarks),
         no_scale=tuple(line for part in parts for line in part.no_scale),
         velocity_left_out=any(part.velocity_left_out for part in parts),
         fixes_left_out=tuple(name for part in parts for name in part.fixes_left_out),

@@ -28,6 +28,7 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.progress import Progress, show_compilation, silent
 from slam.inertial.instruments import InertialTrust
+from slam.mapping.inertial.bridge import Bridge
 from slam.mapping.inertial.metres import in_metres
 from slam.mapping.map import Map, largest_first
 from slam.mapping.setup import Setup
@@ -276,8 +277,7 @@ def joined(map_: Map, edges: Sequence[RelativePose]) -> Map:
         covariances=covariances,
         over_floor_covariances=over_floor_covariances,
         component=largest_first(component),
-        bridges=tuple(used),
-        warnings=(*map_.warnings, *(bridge_warning(edge) for edge in used)),
+        bridges=tuple(map(Bridge, used)),
     )
 
 
@@ -305,18 +305,3 @@ def _composed(parent: _PartPose, child: _PartPose) -> _PartPose:
     back = se3.adjoint(se3.inverse(child.root_T_part[None]))[0]
     covariance = back @ parent.covariance @ back.T + child.covariance
     return _PartPose(parent.root_T_part @ child.root_T_part, covariance)
-
-
-def bridge_warning(edge: RelativePose) -> str:
-    """Return the warning that instruments, not pictures, connect two keyframes."""
-    std_m = float(np.sqrt(np.trace(edge.covariance[3:, 3:])))
-    return f"{_bridged(edge)}, ± {std_m:.2g} m; expect that error in what is measured across it"
-
-
-def doubted_bridge_warning(edge: RelativePose, reason: str) -> str:
-    """Return the warning that two keyframes are connected by an instrument that is wrong for a ``reason``."""
-    return f"{_bridged(edge)} with an unknown error, because {reason}: check imu0"
-
-
-def _bridged(edge: RelativePose) -> str:
-    return f"no overlapping pictures connect keyframes {edge.i} and {edge.j}: the instruments bridge the gap"

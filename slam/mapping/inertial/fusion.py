@@ -20,18 +20,15 @@ from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose, ReportedMotion
 from backend.quantiles import chi_square_limit
-from slam.core.messages import Line
 from slam.mapping.calibration.lens import calibrated
 from slam.mapping.control_points import ControlComparison
-from slam.mapping.inertial.bridges import bridge_warning, doubted_bridge_warning
+from slam.mapping.inertial.bridge import Bridge
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.map import Map, largest_first
 from slam.mapping.part_measurements import aligned_pairs, by_lines, part_measurements
 from slam.mapping.refine import floor_tracks
 from slam.mapping.setup import Setup
-from slam.mapping.warnings.control_points import control_warnings
 from slam.mapping.warnings.convergence import convergence_warnings
-from slam.mapping.warnings.gps_offset import offset_remarks
 
 Array = NDArray[np.float64]
 
@@ -136,18 +133,16 @@ def _apart(parts: Map, joined: Map, members: NDArray[np.int64], reason: str) -> 
     w_T_b[members], covariances[members] = parts.w_T_b[members], parts.covariances[members]
     over_floor_covariances[members] = parts.over_floor_covariances[members]
     component[members] = component.max() + 1 + parts.component[members]
-    mine = [edge for edge in joined.bridges if edge.i in members]
     return replace(
         joined,
         w_T_b=w_T_b,
         covariances=covariances,
         over_floor_covariances=over_floor_covariances,
         component=component,
-        bridges=tuple(edge for edge in joined.bridges if edge.i not in members),
-        warnings=_replaced(
-            joined.warnings,
-            mine,
-            [f"a gap in the pictures is not bridged: {reason}; measure on one side of it only"],
+        bridges=_bridges(joined, members)[1],
+        warnings=(
+            *joined.warnings,
+            f"a gap in the pictures is not bridged: {reason}; measure on one side of it only",
         ),
     )
 
@@ -157,12 +152,12 @@ def _doubted(parts: Map, joined: Map, members: NDArray[np.int64], reason: str) -
     behind = members[parts.component[members] != parts.component[members[0]]]
     covariances, over_floor_covariances = joined.covariances.copy(), joined.over_floor_covariances.copy()
     covariances[behind] = over_floor_covariances[behind] = np.nan
-    mine = [edge for edge in joined.bridges if edge.i in members]
+    mine, others = _bridges(joined, members)
     return replace(
         joined,
         covariances=covariances,
         over_floor_covariances=over_floor_covariances,
-        warnings=_replaced(joined.warnings, mine, [doubted_bridge_warning(edge, reason) for edge in mine]),
+        bridges=(*others, *(replace(bridge, doubt=reason) for bridge in mine)),
     )
 
 
@@ -219,9 +214,9 @@ def _with_bundle(
     over_floor_covariances = joined.over_floor_covariances.copy()
     w_T_b[members], covariances[members] = bundle.w_T_b, bundle.covariances
     over_floor_covariances[members] = bundle.over_floor_covariances
-    mine = [edge for edge in joined.bridges if edge.i in members]
+    mine, others = _bridges(joined, members)
     information = Information.of(bundle.optimum)
-    refined = [_refined_bridge(bundle, members, edge, information) for edge in mine]
+    refined = (Bridge(_refined_edge(bundle, members, bridge.edge, information)) for bridge in mine)
     main = bool(joined.component[members[0]] == 0)
     if main:
         joined = _with_control(joined, members, bundle, setup)
@@ -236,9 +231,9 @@ def _with_bundle(
         bundle=bundle if main else joined.bundle,
         metric=joined.metric or is_scaled,
         no_scale=() if is_scaled else joined.no_scale,
-        bridges=(*(edge for edge in joined.bridges if edge.i not in members), *refined),
+        bridges=(*others, *refined),
         warnings=(
-            *_replaced(joined.warnings, mine, [bridge_warning(edge) for edge in refined]),
+            *joined.warnings,
             *convergence_warnings(bundle, setup.readings),
             *left_out[-1:],
         ),
@@ -246,32 +241,23 @@ def _with_bundle(
 
 
 def _with_control(joined: Map, members: NDArray[np.int64], bundle: Bundle, setup: Setup) -> Map:
-    """Return the map with the residuals of the surveyed points on the refined keyframes, and their lines."""
+    """Return the map with the residuals of the surveyed points on the refined keyframes."""
     before = joined.control
     if before is None:
         return joined
     used = np.array([point.used for point in before.points], dtype=bool)
     comparison = replace(ControlComparison.of(setup.surveyed, members), misread=before.misread)
     verdict = comparison.judge(bundle, used)
-    now = verdict.report(bundle, used, setup.readings.fixes)
-    said, remarked = control_warnings(before), offset_remarks(before)
-    return replace(
-        joined,
-        control=now,
-        warnings=(*(line for line in joined.warnings if line not in said), *control_warnings(now)),
-        remarks=(*(line for line in joined.remarks if line not in remarked), *offset_remarks(now)),
-    )
+    return replace(joined, control=verdict.report(bundle, used, setup.readings.fixes))
 
 
-def _replaced(
-    warnings: tuple[Line, ...], edges: Sequence[RelativePose], lines: Sequence[str]
-) -> tuple[Line, ...]:
-    """Return the warnings with other lines about the bridges ``edges``."""
-    old = {bridge_warning(edge) for edge in edges}
-    return (*(line for line in warnings if line not in old), *lines)
+def _bridges(joined: Map, members: NDArray[np.int64]) -> tuple[tuple[Bridge, ...], tuple[Bridge, ...]]:
+    """Return the bridges between the keyframes ``members`` (m,), and the others."""
+    mine = tuple(bridge for bridge in joined.bridges if bridge.edge.i in members)
+    return mine, tuple(bridge for bridge in joined.bridges if bridge.edge.i not in members)
 
 
-def _refined_bridge(
+def _refined_edge(
     bundle: Bundle, members: NDArray[np.int64], edge: RelativePose, information: Information
 ) -> RelativePose:
     """Return the relative pose of an edge's keyframes in the refined map."""

@@ -36,6 +36,8 @@ from slam.mapping.obstacles import echoes_in_map, range_contradiction
 from slam.mapping.warnings.accuracy_basis import Shares, scale_warning, vague_lengths_warning
 from slam.mapping.warnings.contradicted_steps import contradicted_step_warnings
 from slam.mapping.warnings.contradictions import contradictions
+from slam.mapping.warnings.control_points import control_warnings
+from slam.mapping.warnings.gps_offset import offset_remarks
 from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
 from slam.mapping.warnings.lean import lean_warning
 from slam.mapping.warnings.lines_alone import lines_alone_warning
@@ -94,6 +96,7 @@ def messages(
         systematic or "",
         *untested,
         *map_.remarks,
+        *(offset_remarks(map_.control) if map_.control is not None else ()),
         *_graph_lines(map_),
     )
 
@@ -150,6 +153,8 @@ def _reasons(
         systematic if systematic is not None and systematic.kind is Kind.REASON else "",
         *map_.no_scale,
         *map_.warnings,
+        *(control_warnings(map_.control) if map_.control is not None else ()),
+        *(bridge.warning for bridge in map_.bridges),
         lines_alone_warning(map_),
         unknown_focal_warning(flight, map_),
         *map_.graph.disputed_odometry,

@@ -78,7 +78,7 @@ def _stretches(map_: Map, pairs: list[Registration], tied: NDArray[np.int64]) ->
     graph = nx.Graph()
     graph.add_nodes_from(range(len(tied)))
     graph.add_edges_from((r.i, r.j) for r in pairs if abs(r.i - r.j) == 1)
-    graph.add_edges_from((edge.i, edge.j) for edge in map_.bridges)
+    graph.add_edges_from((bridge.edge.i, bridge.edge.j) for bridge in map_.bridges)
     for number in range(int(tied.max(initial=-1)) + 1):
         nx.add_path(graph, np.flatnonzero(tied == number).tolist())
     stretch = np.empty(len(tied), np.int64)

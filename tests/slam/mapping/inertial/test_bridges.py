@@ -15,6 +15,7 @@ from backend.measurements import RelativePose
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
 from slam.evaluation import evaluate
+from slam.mapping.inertial.bridge import Bridge
 from slam.mapping.inertial.bridges import joined
 from slam.mapping.pipeline import optimize
 from tests.benchmarks.calibration import bridge
@@ -137,7 +138,7 @@ def test_parts_are_laid_together_exactly(backwards):
     found = joined(parts, [edge])
     np.testing.assert_allclose(found.w_T_b, w_T_b, atol=1e-12)
     assert found.component.tolist() == [0] * 8
-    assert found.bridges == (edge,)
+    assert found.bridges == (Bridge(edge),)
 
 
 @pytest.mark.slow
@@ -210,7 +211,7 @@ def test_parts_are_joined_along_the_surest_edges():
     ]
     for order in (edges, edges[::-1]):
         found = joined(parts, order)
-        assert {(edge.i, edge.j) for edge in found.bridges} == {(1, 2), (3, 4)}
+        assert {(bridge.edge.i, bridge.edge.j) for bridge in found.bridges} == {(1, 2), (3, 4)}
         std_m = np.sqrt(np.diagonal(found.covariances[5])[3:5])
         # Each bridge errs by 0.01 m and, through its tilt, by 0.01 rad times the height of 1 m. The heading
         # of the first bridge acts over 3 m, that of the second over 1 m.
@@ -223,5 +224,5 @@ def test_of_two_edges_between_the_same_parts_the_surer_one_joins_them():
     alone = joined(parts, [edge])
     for order in ([edge, unsure], [unsure, edge]):
         found = joined(parts, order)
-        assert found.bridges == (edge,)
+        assert found.bridges == (Bridge(edge),)
         np.testing.assert_array_equal(found.covariances, alone.covariances)

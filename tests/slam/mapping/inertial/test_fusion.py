@@ -58,7 +58,7 @@ def test_behind_a_bridge_of_readings_that_are_wrong_nothing_is_certain():
     np.testing.assert_array_equal(found.w_T_b, bridged.w_T_b)
     for covariances in (found.covariances, found.over_floor_covariances):
         np.testing.assert_array_equal(np.isnan(covariances).any(axis=(1, 2)), parts.component == 1)
-    (line,) = found.warnings
+    line = found.bridges[0].warning
     assert "the instruments bridge the gap with an unknown error, because imu0 does not fit" in line
     assert "±" not in line
 

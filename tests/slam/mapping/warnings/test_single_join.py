@@ -11,6 +11,7 @@ import pytest
 from backend.measurements import RelativePose
 from frontend.registration import Registration
 from slam.evaluation import evaluate
+from slam.mapping.inertial.bridge import Bridge
 from slam.mapping.lift_edges import Edges
 from slam.mapping.map import Map
 from slam.mapping.pipeline import optimize
@@ -58,7 +59,7 @@ def test_poor_pairs_do_not_confirm_each_other_nor_a_good_one():
 def test_what_instruments_confirm_is_not_doubted():
     pairs = with_pairs([*CHAINS, (1, 6)])
     assert single_joins(pairs, np.zeros(8, int)) == []
-    bridge = RelativePose(3, 4, np.eye(4), np.eye(6), "inertial")
+    bridge = Bridge(RelativePose(3, 4, np.eye(4), np.eye(6), "inertial"))
     assert single_joins(replace(pairs, bridges=(bridge,)), APART) == []
 
 
