@@ -30,9 +30,11 @@ _ACCURACY = f"""
     JOIN extent e ON e.auth_name = u.extent_auth_name AND e.code = u.extent_code
     WHERE o.auth_name = 'EPSG' AND NOT o.deprecated AND o.source_crs_code IN ({_CODES})
         AND o.target_crs_code = '4326' AND :latitude BETWEEN e.south_lat AND e.north_lat
-        AND :longitude BETWEEN e.west_lon AND e.east_lon
+        AND CASE WHEN e.west_lon <= e.east_lon THEN :longitude BETWEEN e.west_lon AND e.east_lon
+            ELSE :longitude >= e.west_lon OR :longitude <= e.east_lon END
 """
-"""Accuracy of the best transformation to WGS 84 by seven parameters whose area holds a place."""
+"""Accuracy of the best transformation to WGS 84 by seven parameters whose area holds a place. An area across
+the meridian of 180 degrees ends at a smaller longitude than it begins."""
 _EQUATOR_M, _INVERSE_FLATTENING = 6378137.0, 298.25722
 """Ellipsoid of WGS 84 and of GRS 80, which differ by 0.1 mm at the poles."""
 

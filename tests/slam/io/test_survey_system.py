@@ -77,6 +77,7 @@ def test_heights_beside_feet_are_taken_in_metres_and_that_is_said(tmp_path):
         ("EPSG:32632", "465005.0 5249995.0 402.5", 47.4028, 8.5362, 0.0),
         ("EPSG:2232+6360", "3143493.31 1694931.25 5249", 39.74, -104.99, 0.0),
         ("+proj=tmerc +lon_0=9 +x_0=3500000 +datum=potsdam", "3465000 5250000 400", 47.4, 8.54, 3.0),
+        ("EPSG:3460", "1973541.4 3867186.7 10", -18.2, 178.5, 2.0),
         (OSGB_BY_ESRI, "530000 180000 50", 51.5, -0.13, 2.0),
         ("+proj=utm +zone=32 +datum=WGS84", "465005.0 5249995.0 402.5", 47.4028, 8.5362, 0.0),
         ("+proj=utm +zone=32 +ellps=GRS80", "465005.0 5249995.0 402.5", 47.4028, 8.5362, 0.0),
@@ -86,7 +87,8 @@ def test_heights_beside_feet_are_taken_in_metres_and_that_is_said(tmp_path):
 def test_the_accuracy_of_the_transformation_of_a_datum(
     tmp_path, header, row, latitude_deg, longitude_deg, std_m
 ):
-    """Accuracies by EPSG's database: OSGB36 to WGS 84 (6), DHDN to WGS 84 (2)."""
+    """Accuracies by EPSG's database: OSGB36 to WGS 84 (6), DHDN to WGS 84 (2), and Fiji 1986 to WGS 84
+    (1), whose area crosses the meridian of 180 degrees."""
     gps = Gps(np.arange(3.0), np.full(3, latitude_deg), np.full(3, longitude_deg), np.full(3, 450.0))
     (point,), notes = read(tmp_path, [header, f"{row} 10 20 DJI_0010.JPG north"], replace(flight(), gps=gps))
     assert point.datum_std_m == std_m
