@@ -5,7 +5,7 @@ from __future__ import annotations
 from slam.core.height_systems import ELLIPSOID, SEA_LEVEL, UNKNOWN, height_system
 from slam.io.files import brief
 from slam.io.sensor_yaml import YamlFile
-from slam.io.survey_system import has_three_axes
+from slam.io.survey_system import counts_depths, has_three_axes
 
 
 def stated_height_system(sensor: YamlFile) -> str:
@@ -32,4 +32,6 @@ def _holds_heights(code: str) -> bool:
     except CRSError:
         return False
     kind = system["type"]
+    if counts_depths(system):
+        return False
     return kind == "VerticalCRS" or (kind == "GeographicCRS" and has_three_axes(system))

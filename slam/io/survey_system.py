@@ -59,6 +59,9 @@ class SurveySystem:
         if crs is not None and not (crs.is_projected or crs.is_geographic):
             what = f"names {brief(header, 60)!r}, a system of heights, of space or of one site"
             crs = None
+        if crs is not None and counts_depths(crs.to_dict(projjson=True)):
+            what = f"names {brief(header, 60)!r}, whose heights are depths, positive downwards"
+            crs = None
         if crs is None:
             raise refusal(path, what, NAME_IT, line)
         return SurveySystem(path, line, header, crs)
@@ -146,6 +149,16 @@ def _base(system: Mapping[str, Any]) -> Mapping[str, Any]:
 def has_three_axes(system: Mapping[str, Any]) -> bool:
     """Return whether a system, as PROJ describes it in JSON, has heights over its ellipsoid beside places."""
     return len(system.get("coordinate_system", {}).get("axis", ())) == 3
+
+
+def counts_depths(system: Mapping[str, Any]) -> bool:
+    """Return whether a system, as PROJ describes it in JSON, has depths, positive downwards, for heights."""
+    axes = [
+        axis
+        for part in system.get("components", [system])
+        for axis in part.get("coordinate_system", {}).get("axis", ())
+    ]
+    return any(axis["direction"] == "down" for axis in axes)
 
 
 def height_unit_m(crs: CRS) -> float:

@@ -370,8 +370,9 @@ def test_the_level_of_altitudes_has_words(tmp_path, written, system):
     assert read_flight(tmp_path / "flight").gps.height_system == system
 
 
-@pytest.mark.parametrize("written", ["geoid", "EPSG:99999", "EPSG:32632"])
+@pytest.mark.parametrize("written", ["geoid", "EPSG:99999", "EPSG:32632", "EPSG:5715"])
 def test_a_level_that_is_not_known_is_refused(tmp_path, written):
+    """The last one has depths, positive downwards."""
     write_flight(made_flight(), tmp_path / "flight")
     with (tmp_path / "flight/mav0/gps0/sensor.yaml").open("a") as file:
         file.write(f"height_system: {written}\n")

@@ -62,6 +62,7 @@ def test_degrees_are_longitude_first_and_points_without_a_name_have_numbers(tmp_
         (["EPSG:5806", *ROWS], ["line 1", "EPSG:5806"]),
         (["EPSG:5800", *ROWS], ["line 1", "EPSG:5800", "of one site"]),
         (["EPSG:5703", *ROWS], ["line 1", "EPSG:5703", "a system of heights"]),
+        (["EPSG:32632+5715", *ROWS], ["line 1", "EPSG:32632+5715", "depths, positive downwards"]),
     ],
 )
 def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, lines, words):
