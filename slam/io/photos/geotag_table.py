@@ -10,13 +10,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
 
 from backend.wording import counted, either
 from slam.core.errors import InputError
-from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east, position_fault
+from slam.core.geodesy import position_fault
 from slam.core.height_systems import UNKNOWN
 from slam.core.messages import Line, about, as_note
 from slam.core.names import listed
@@ -131,24 +130,23 @@ def _placed(
     """Return photographs with the positions of a table, and lines about it."""
     same = Counter(photo.path.name.casefold() for photo in photos)
     stems = Counter(map(_stem, photos))
-    states_accuracy = any(along_m > 0 for _, _, _, along_m, _ in geotags.values())
-    placed, used, far = [], set[str](), list[tuple[float, str]]()
+    placed, used, far = list[Photo](), set[str](), list[tuple[float, str]]()
+    is_moved = list[bool]()
     for photo in photos:
         inner = photo.path.relative_to(folder).as_posix().casefold()
         bare = photo.path.name.casefold()
         keys = [inner] if same[bare] > 1 else [inner, bare]
         # Some programs write the names without their endings.
         keys += [PurePosixPath(key).with_suffix("").as_posix() for key in keys] * (stems[_stem(photo)] == 1)
-        if key := next((key for key in keys if key in geotags), None):
+        key = next((key for key in keys if key in geotags), None)
+        is_moved.append(key is not None)
+        if key is not None:
             used.add(key)
-            moved = _at(photo, geotags[key])
-            if (away_m := _apart_m(photo.tags.position, moved.tags.position)) > _FAR_M:
+            if (away_m := photo.tags.position.apart_m(*geotags[key][:2])) > _FAR_M:
                 far.append((away_m, photo.name))
-            photo = moved
-        elif states_accuracy and photo.tags.position.std_m is None:
-            # Its own position is not as exact as the corrected ones.
-            photo = _with(photo, std_m=Gps.noise_std_m)
+            photo = _at(photo, geotags[key])
         placed.append(photo)
+    placed = _with_own_accuracy(placed, is_moved)
     remarks: list[Line] = [
         as_note(f"positions of {len(used)} of {len(photos)} photographs are those of {name}")
     ]
@@ -166,17 +164,25 @@ def _placed(
     return placed, remarks
 
 
+def _with_own_accuracy(photos: Sequence[Photo], is_moved: Sequence[bool]) -> list[Photo]:
+    """Return photographs none of which has the accuracy that another source states.
+
+    The sources are the tags and the table, whose positions are those that are moved. One without an
+    accuracy, where the other source states some, is as exact as that of a GPS without RTK.
+    """
+    states = {
+        moved for photo, moved in zip(photos, is_moved, strict=True) if photo.tags.position.std_m is not None
+    }
+    return [
+        photo.at(replace(photo.tags.position, std_m=Gps.noise_std_m))
+        if photo.tags.position.std_m is None and (not moved) in states
+        else photo
+        for photo, moved in zip(photos, is_moved, strict=True)
+    ]
+
+
 def _stem(photo: Photo) -> str:
     return photo.path.stem.casefold()
-
-
-def _apart_m(a: PhotoPosition, b: PhotoPosition) -> float:
-    """Return how far two positions lie apart along the ground, roughly; 0 if one is not known."""
-    if a.latitude_deg is None or a.longitude_deg is None or b.latitude_deg is None or b.longitude_deg is None:
-        return 0.0
-    north_m = (b.latitude_deg - a.latitude_deg) * METRES_PER_DEGREE
-    east_deg = (b.longitude_deg - a.longitude_deg + 180) % 360 - 180
-    return float(np.hypot(north_m, east_deg * metres_per_degree_east(a.latitude_deg)))
 
 
 def _at(photo: Photo, told: tuple[float, ...]) -> Photo:
@@ -188,23 +194,12 @@ def _at(photo: Photo, told: tuple[float, ...]) -> Photo:
         up_m = up_m if up_m > 0 else _UP_RATIO * along_m
     else:
         up_m = (old.std_m or Gps.noise_std_m)[2]
-    return _with(
-        photo,
+    position = PhotoPosition(
         latitude_deg=latitude_deg,
         longitude_deg=longitude_deg,
         altitude_m=altitude_m if tells_altitude else old.altitude_m,
         height_system=UNKNOWN if tells_altitude else old.height_system,
-        exif_altitude_m=None,
-        exif_gap_deg=None,
         std_m=(along_m, along_m, up_m) if along_m > 0 else None,
-        unsigned_deg=None,
-        is_of_camera=False,
-        datum="",
-        faults=(),
+        height_above_takeoff_m=old.height_above_takeoff_m,
     )
-
-
-def _with(photo: Photo, **changes: Any) -> Photo:
-    """Return a photograph with changes of its position."""
-    position = replace(photo.tags.position, **changes)
-    return replace(photo, tags=replace(photo.tags, position=position))
+    return photo.at(position)

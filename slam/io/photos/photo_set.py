@@ -23,6 +23,7 @@ from slam.io.photos.bands import band_of, chosen_band
 from slam.io.photos.camera import relative_focal
 from slam.io.photos.exif import Angles, PhotoTags, read_tags
 from slam.io.photos.ground_in_view import why_no_ground
+from slam.io.photos.position import PhotoPosition
 from slam.io.photos.search import find_photos
 from slam.io.photos.unused_tags import unused_tags
 from slam.io.photos.zoom import zooms
@@ -39,6 +40,10 @@ class Photo:
     tags: PhotoTags
     w_R_b: Array | None = None
     """(3, 3) attitude of the body at the exposure; None if the tags do not contain it."""
+
+    def at(self, position: PhotoPosition) -> Photo:
+        """Return the photograph with another position."""
+        return replace(self, tags=replace(self.tags, position=position))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from PIL.ExifTags import GPS
 
-from slam.core.geodesy import MAX_ALTITUDE_M, position_fault
+from slam.core.geodesy import MAX_ALTITUDE_M, METRES_PER_DEGREE, metres_per_degree_east, position_fault
 from slam.core.height_systems import ELLIPSOID, SEA_LEVEL, UNKNOWN
 from slam.io.photos.tag_values import number, numbers, positive, text
 from slam.io.photos.xmp import Xmp
@@ -64,6 +64,14 @@ class PhotoPosition:
     def is_known(self) -> bool:
         """Whether latitude and longitude are known."""
         return self.latitude_deg is not None
+
+    def apart_m(self, latitude_deg: float, longitude_deg: float) -> float:
+        """Return the distance to another place along the ground, to about 1 %; NaN without a position."""
+        if self.latitude_deg is None or self.longitude_deg is None:
+            return float("nan")
+        north_m = (latitude_deg - self.latitude_deg) * METRES_PER_DEGREE
+        east_deg = (longitude_deg - self.longitude_deg + 180) % 360 - 180
+        return float(np.hypot(north_m, east_deg * metres_per_degree_east(self.latitude_deg)))
 
 
 def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:

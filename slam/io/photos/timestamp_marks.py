@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from backend.wording import counted
 from slam.core.errors import InputError
-from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
+from slam.core.geodesy import position_fault
 from slam.core.height_systems import ELLIPSOID
 from slam.core.messages import Line, Message, as_note
 from slam.core.names import listed
@@ -132,44 +132,32 @@ def _number(photo: Photo) -> int:
     return int(match[1]) if match else -1
 
 
-def _apart_m(mark: _Mark, tags: PhotoPosition) -> float:
-    """Return the distance along the ground from a mark to the place in the tags; NaN without one."""
-    if tags.latitude_deg is None or tags.longitude_deg is None:
-        return float("nan")
-    origin = GeoOrigin(mark.latitude_deg, mark.longitude_deg, 0.0)
-    return float(np.linalg.norm(enu_from_geodetic(tags.latitude_deg, tags.longitude_deg, 0.0, origin)[0, :2]))
-
-
 def _is_of(mark: _Mark, tags: PhotoPosition) -> bool:
     """Return whether a mark may be of a photograph by the place in its tags."""
     within_m = _SAME_PLACE_M + _SIGMAS * float(np.hypot(*mark.std_m[:2]))
-    return not _apart_m(mark, tags) > within_m
+    return not tags.apart_m(mark.latitude_deg, mark.longitude_deg) > within_m
 
 
 def _at(photo: Photo, mark: _Mark) -> Photo:
-    position = replace(
-        photo.tags.position,
+    position = PhotoPosition(
         latitude_deg=mark.latitude_deg,
         longitude_deg=mark.longitude_deg,
         altitude_m=mark.height_m,
-        exif_altitude_m=None,
-        exif_gap_deg=None,
         std_m=mark.std_m,
         rtk=mark.solution,
         height_system=ELLIPSOID,
         is_of_camera=True,
-        unsigned_deg=None,
-        datum="",
-        faults=(),
+        height_above_takeoff_m=photo.tags.position.height_above_takeoff_m,
     )
-    return replace(photo, tags=replace(photo.tags, position=position))
+    return photo.at(position)
 
 
 def _about(name: str, found: Sequence[tuple[PhotoPosition, _Mark]], total: int) -> Message:
     """Return a line about the marks that are used."""
     offset_m = float(np.mean([np.linalg.norm(mark.offset_m) for _, mark in found]))
-    apart = [d for tags, mark in found if np.isfinite(d := _apart_m(mark, tags))]
-    beside = f"; those in the tags differ by up to {max(apart):.2g} m along the ground" if apart else ""
+    known = [(tags, mark) for tags, mark in found if tags.is_known]
+    apart_m = max((tags.apart_m(mark.latitude_deg, mark.longitude_deg) for tags, mark in known), default=0.0)
+    beside = f"; those in the tags differ by up to {apart_m:.2g} m along the ground" if known else ""
     return as_note(
         f"places of {len(found)} of {total} photographs, with their accuracies, are those of {name}: of the "
         f"camera, {offset_m:.2g} m from the antenna on average{beside}"

@@ -7,7 +7,7 @@ import pytest
 
 from slam.core.messages import Kind
 from slam.io.photos.import_photos import import_photos
-from tests.slam.io.photos.photo_files import fill, strip, warned
+from tests.slam.io.photos.photo_files import fill, jpeg, strip, warned
 
 
 def test_positions_of_a_table_are_preferred_to_those_of_the_tags(tmp_path):
@@ -93,3 +93,14 @@ def test_level_and_accuracy_of_an_altitude_are_those_of_its_source(tmp_path, alt
     assert flight.gps.height_system == system
     assert flight.gps.noise_std_m == pytest.approx(std_m)
     assert not warned(flight, "from the maker's tags; Exif's differ")
+
+
+def test_positions_of_a_table_are_not_those_of_the_receiver_s_rtk_solution(tmp_path):
+    """They may be corrected after the flight, and have no accuracy of any tags."""
+    std = {f"RtkStd{axis}": "0.02" for axis in ("Lon", "Lat", "Hgt")}
+    files = strip(2, drone={"RtkFlag": "16"}) | {"R.jpg": jpeg(drone=std | {"RtkFlag": "50"})}
+    rows = b"filename,latitude,longitude,altitude\nP0.jpg,30,-98,320\nP1.jpg,30.0001,-98,320\n"
+    flight = import_photos(fill(tmp_path, files | {"geotags.csv": rows}))
+    assert not warned(flight, "single")
+    assert not warned(flight, "no fixed RTK solution")
+    np.testing.assert_equal(flight.gps.stds_m[:, 0], [5, 5, 0.02])
