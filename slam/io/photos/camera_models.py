@@ -22,7 +22,8 @@ from slam.io.photos.exif import PhotoTags
 from slam.io.photos.lens_tags import LensTags
 from slam.io.photos.photo_set import Photo
 
-NAMES = ("camera_models.json", "camera_models_overrides.json", "cameras.json")
+NAMES = ("camera_models_overrides.json", "camera_models.json", "cameras.json")
+"""The first file with the lens counts: OpenSfM takes the overrides, which a person writes, before its own."""
 _MAX_BYTES = 1 << 22
 _RADIAL = {
     "perspective": ("k1", "k2"),
@@ -45,19 +46,17 @@ def with_camera_models(
 
     A calibration of the maker in the tags is preferred.
     """
-    photos, others, remarks = list(photos), list[Path](), list[Line]()
-    for path in beside:
-        if path.name not in NAMES:
-            others.append(path)
-            continue
+    photos, remarks, source = list(photos), list[Line](), "the tags have"
+    files = [path for path in beside if path.name in NAMES]
+    for path in sorted(files, key=lambda path: NAMES.index(path.name)):
         name = shown(str(path.relative_to(folder)))
         try:
             cameras = _cameras(path, folder)
         except InputError as refused:
             remarks.append(f"{str(refused).removeprefix(f'{folder}/')}; its lenses are not used")
             continue
-        if all(photo.tags.lens is not None or photo.tags.dewarp is not None for photo in photos):
-            remarks.append(as_note(f"{name} is not used: the tags have a calibration of the lens"))
+        if all(_has_calibration(photo) for photo in photos):
+            remarks.append(as_note(f"{name} is not used: {source} a calibration of the lens"))
             continue
         tags = photos[0].tags
         lens = next((lens for key, camera in cameras if (lens := _lens(key, camera, tags, name))), None)
@@ -68,13 +67,16 @@ def with_camera_models(
                 f"{tags.size_px[0]} x {tags.size_px[1]} px ({keys}): it is not used"
             )
             continue
+        source = f"{name} has"
         photos = [
-            photo
-            if photo.tags.lens is not None or photo.tags.dewarp is not None
-            else replace(photo, tags=replace(photo.tags, lens=lens))
+            photo if _has_calibration(photo) else replace(photo, tags=replace(photo.tags, lens=lens))
             for photo in photos
         ]
-    return photos, others, tuple(remarks)
+    return photos, [path for path in beside if path.name not in NAMES], tuple(remarks)
+
+
+def _has_calibration(photo: Photo) -> bool:
+    return photo.tags.lens is not None or photo.tags.dewarp is not None
 
 
 def _cameras(path: Path, folder: Path) -> list[tuple[str, dict[str, Any]]]:

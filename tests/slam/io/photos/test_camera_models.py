@@ -107,6 +107,15 @@ def test_the_maker_s_calibration_is_preferred(tmp_path):
     assert any("the tags have a calibration of the lens" in line for line in flight.warnings)
 
 
+def test_of_two_files_the_overrides_count_and_the_other_is_named(tmp_path):
+    files = {"camera_models.json": {KEY: RADIAL}, "camera_models_overrides.json": {KEY: BROWN}}
+    texts = {name: json.dumps(cameras).encode() for name, cameras in files.items()}
+    flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(size=SIZE)} | texts))
+    assert flight.camera.distortion == (-0.26, 0.1, 0.0007, 0.0003, -0.02)
+    line = "camera_models.json is not used: camera_models_overrides.json has a calibration of the lens"
+    assert line in flight.warnings
+
+
 def test_a_body_whose_tags_lack_the_focal_length_has_that_of_its_specification(tmp_path):
     """84 degrees across the diagonal by DJI, which is that of 24 mm on film."""
     flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(size=SIZE, make="DJI", model="FC6310")}))
