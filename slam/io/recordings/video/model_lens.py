@@ -8,6 +8,7 @@ Source: GoPro, gpmf-parser; DJI and Parrot, specifications of the models.
 from __future__ import annotations
 
 import math
+import re
 import struct
 from dataclasses import dataclass
 
@@ -30,6 +31,8 @@ _FILM_MM = {
     "FC350": (20.0, "DJI Zenmuse X3"),
     "FC3582": (24.0, "DJI Mini 3 Pro"),
     "FC6310": (24.0, "DJI Phantom 4 Pro"),
+    "FC6310R": (24.0, "DJI Phantom 4 RTK"),
+    "FC6310S": (24.0, "DJI Phantom 4 Pro V2.0"),
     "FC7203": (24.0, "DJI Mavic Mini"),
     "FC7303": (24.0, "DJI Mini 2"),
     "FC8482": (24.0, "DJI Mini 4 Pro"),
@@ -75,9 +78,12 @@ def lens_of_model(user_data: bytes, size_px: tuple[int, int]) -> ModelLens | Non
 
 
 def film_focal(text: str) -> tuple[float, str] | None:
-    """Return the focal length on 35 mm film of the model that a text names, and its name; None for others."""
-    fitting = [model for model in _FILM_MM if model.lower() in text.lower()]
-    return _FILM_MM[max(fitting, key=len)] if fitting else None
+    """Return the focal length on 35 mm film of the model that a text names, and its name; None for others.
+
+    Names go on in those of other models: FC2204 and FC350Z are zooms.
+    """
+    found = (of for model, of in _FILM_MM.items() if re.search(rf"{model}(?![0-9A-Z])", text, re.IGNORECASE))
+    return next(found, None)
 
 
 def _of_gopro(metadata: bytes, size_px: tuple[int, int]) -> ModelLens | None:

@@ -44,6 +44,12 @@ def test_the_focal_length_is_that_of_the_makers_specification(model, film_mm):
     assert f"{film_mm} mm on 35 mm film by the specification of the" in found.remark
 
 
+@pytest.mark.parametrize("model", [b"FC2204", b"FC350Z"])
+def test_a_zoom_has_not_the_lens_of_a_model_whose_name_begins_its_own(model):
+    """Mavic 2 Zoom and Zenmuse Z3, beside FC220 (Mavic Pro) and FC350 (Zenmuse X3)."""
+    assert lens_of_model(text(b"\xa9mdl", model), SIZE) is None
+
+
 def test_an_unknown_model_or_a_damaged_header_gives_none():
     assert lens_of_model(text(b"\xa9mdl", b"FC9999"), SIZE) is None
     assert lens_of_model(b"", SIZE) is None
