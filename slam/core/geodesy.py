@@ -52,7 +52,7 @@ class GeoOrigin:
     altitude_known: bool = True
     """Whether an altitude is known."""
     height_system: str = ""
-    """The level from which it counts, as `slam.core.height_systems` names it; empty if nobody states it."""
+    """Its vertical datum, as `slam.core.height_systems` names it; empty if nobody states it."""
 
     @property
     def text(self) -> str:

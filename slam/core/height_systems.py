@@ -1,4 +1,4 @@
-"""The levels from which altitudes count, as far as their sources state them, as EPSG codes."""
+"""Vertical datums of altitudes, as EPSG codes of systems of heights, as far as their sources state them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import re
 
 UNKNOWN = ""
 ELLIPSOID = "EPSG:4979"
-"""WGS 84 with heights over its ellipsoid."""
+"""WGS 84 with ellipsoidal heights."""
 SEA_LEVEL = "EPSG:5773"
-"""EGM96, the model of sea level that receivers of autopilots hold (u-blox M8 protocol specification, UBX-NAV-
-POSLLH: ``hMSL``)."""
+"""Orthometric heights by EGM96, the model of sea level that receivers of autopilots hold (u-blox M8 protocol
+specification, UBX-NAV-POSLLH: ``hMSL``)."""
 _NAMES = {ELLIPSOID: "the WGS 84 ellipsoid", SEA_LEVEL: "mean sea level by EGM96"}
 _WORDS = {"ellipsoid": ELLIPSOID, "sea level": SEA_LEVEL}
 _CODE = re.compile(r"EPSG:\d{4,6}", re.IGNORECASE)

@@ -41,7 +41,7 @@ class GcpViews:
     views: Iterable[GcpView]
     """Read when they are asked for, so that a fault of the system is reported before theirs."""
     height_system: str | None = None
-    """Level of the heights; None for that of the coordinate system."""
+    """Vertical datum of the heights; None for that of the coordinate system."""
 
 
 Place = tuple[float, float, float | None]

@@ -1,4 +1,4 @@
-"""The level from which the altitudes of ``gps0`` count, as ``sensor.yaml`` states it."""
+"""The vertical datum of the altitudes of ``gps0``, as ``sensor.yaml`` states it."""
 
 from __future__ import annotations
 

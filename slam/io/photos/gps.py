@@ -77,7 +77,7 @@ def _assumed(fixes: Sequence[PhotoPosition]) -> tuple[str, ...]:
 
 
 def _height_system(fixes: Sequence[PhotoPosition]) -> str:
-    """Return the level of the altitudes, empty where not all have the same."""
+    """Return the vertical datum of the altitudes, empty where not all have the same."""
     systems = {fix.height_system for fix in fixes if fix.altitude_m is not None}
     return systems.pop() if len(systems) == 1 else UNKNOWN
 

@@ -46,7 +46,7 @@ class PhotoPosition:
     rtk: str = ""
     """Solution of the RTK receiver: a value of `RTK_SOLUTIONS`; empty if the tags do not contain it."""
     height_system: str = ""
-    """The level of ``altitude_m``, as `slam.core.height_systems` names it; empty if no tag tells."""
+    """The vertical datum of ``altitude_m``, as `slam.core.height_systems` names it; empty if no tag tells."""
     is_of_camera: bool = False
     """Whether it is the place of the camera itself, with the offset of the antenna taken into account."""
     height_above_takeoff_m: float | None = None
@@ -204,7 +204,7 @@ def _std(value: Any) -> float | None:
 
 
 def _height_system(gps: dict[int, Any], xmp: Xmp, by_maker: bool) -> str:
-    """Return the level of the altitude, the maker's or Exif's, as far as the tags tell.
+    """Return the vertical datum of the altitude, the maker's or Exif's, as far as the tags tell.
 
     DJI's ``RtkAlt`` is a height over the ellipsoid (DJI, Onboard SDK: Flight Altitude); its other types
     depend on the pressure of the air. The values 2 and 3 of GPSAltitudeRef, of Exif 3.0, name sea level. The

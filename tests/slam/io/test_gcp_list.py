@@ -55,6 +55,7 @@ def test_degrees_are_longitude_first_and_points_without_a_name_have_numbers(tmp_
         ([*UTM, ROWS[0].replace("100.5", "left")], ["line 2", "'left' where a number is needed"]),
         ([*UTM, ROWS[0].replace("100.5", "nan")], ["line 2", "'nan' where a number is needed"]),
         ([*UTM, ROWS[0].replace("100.5", "1700")], ["line 2", "1700 200", "1600 x 1300 px", "DJI_0010.JPG"]),
+        ([*UTM, ROWS[0].replace(" 200 ", " -1 ")], ["line 2", "100.5 -1", "1600 x 1300 px"]),
         ([*UTM, ROWS[0].replace("DJI_0010", "IMG_1")], ["line 2", "'IMG_1.JPG'", "no picture of the flight"]),
         (["EPSG:4326", "47.403 8.536 400 1 1 DJI_0010.JPG"], ["swapped", "longitude before the latitude"]),
         ([*UTM, "5249995.0 465005.0 402.5 1 1 DJI_0010.JPG"], ["swapped", "easting before the northing"]),

@@ -89,6 +89,13 @@ def test_a_folder_s_landmarks_with_pixels_are_followed_and_the_others_compared(t
 VIEW = "p,1.0,2.0,3.0,DJI_0010.JPG,1,2"
 
 
+def test_heights_over_an_origin_without_an_altitude_are_none(tmp_path):
+    of = replace(flight(), gps=replace(flight().gps, altitude_m=np.full(3, np.nan)))
+    path = table(tmp_path / "landmarks.csv", ["name,x,y,z,image,px,py", VIEW])
+    (point,), _ = read_gcp_list(path, of)
+    assert np.isnan(point.altitude_m)
+
+
 def test_titles_may_stand_in_quotes(tmp_path):
     titles = '"name","x [m]","y","z","image","px","py"'
     (point,), _ = read_gcp_list(table(tmp_path / "landmarks.csv", [titles, VIEW]), flight())

@@ -96,7 +96,12 @@ def test_the_accuracy_of_the_transformation_of_a_datum(
 
 
 @pytest.mark.parametrize(
-    "datum", ["+ellps=bessel", "+ellps=bessel +towgs84=598.1,73.7,418.2,0.2,0.045,-2.455,6.7"]
+    "datum",
+    [
+        "+ellps=GRS80 +towgs84=10,20,30",
+        "+ellps=bessel",
+        "+ellps=bessel +towgs84=598.1,73.7,418.2,0.2,0.045,-2.455,6.7",
+    ],
 )
 def test_a_transformation_of_unknown_accuracy_is_told(tmp_path, datum):
     """An ellipsoid without a datum, and parameters that the list itself states."""

@@ -68,6 +68,14 @@ def test_the_count_that_fits_is_named(count):
     assert (count or "their pixels lie 100 px off") in found
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_no_count_is_named_for_pixels_anywhere_in_the_picture(seed):
+    draw = np.random.default_rng(seed)
+    anywhere = points(lambda u, v: draw.uniform(0, (WIDTH, HEIGHT)))
+    found = misread(refinement(marks=100.0), anywhere, CAMERA, over_the_floor())
+    assert "their pixels lie 100 px off" in found
+
+
 def test_marks_of_a_person_are_trusted():
     assert misread(refinement(marks=4.5), points(WRITTEN[""]), CAMERA, over_the_floor()) == ""
     assert misread(refinement(marks=100.0), [], CAMERA, over_the_floor()) == ""

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from PIL import ExifTags
+from scipy.spatial.transform import Rotation
 
+from slam.io.gimbal import body_from_gimbal
 from slam.io.photos.import_photos import import_photos
+from slam.io.photos.photo_set import AttitudeSource
 from tests.slam.io.photos.photo_files import NADIR, fill, jpeg, strip, warned, with_xmp
 
 Base, GPS = ExifTags.Base, ExifTags.GPS
@@ -87,3 +90,14 @@ def test_an_attitude_of_another_source_is_used_in_place_of_one_that_cannot_be_re
     flight = import_photos(fill(tmp_path, files))
     assert_allclose(np.degrees(flight.attitude.roll_pitch_yaw_rad), [[0, 0, 60]], atol=1e-6)
     assert not warned(flight, "attitude tags not used")
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 60.0])
+def test_a_turn_about_the_axis_of_a_picture_that_leans_is_a_roll_and_a_heading(tilt_deg):
+    """By angles of many attitudes that are turned about their optical axis."""
+    leaning = Rotation.from_euler("ZYX", [30, tilt_deg, 0], degrees=True)
+    turns = Rotation.from_euler("Z", np.random.default_rng(0).normal(0, 0.1, (20_000, 1)), degrees=True)
+    yaw, _, roll = np.std((leaning * turns).as_euler("ZYX", degrees=True), axis=0)
+    source = AttitudeSource("gimbal", lambda tags: None, body_from_gimbal, (0.1, 0.1, 0.1))
+    std_deg = source.at_tilts([leaning.as_matrix()]).std_deg
+    assert std_deg == pytest.approx((max(roll, 0.1), 0.1, yaw), rel=0.03)

@@ -99,6 +99,11 @@ def test_a_set_without_any_altitude_says_that_its_heights_count_from_the_floor(t
         ({"drone": {"AltitudeType": "GpsFusionAlti", "AbsoluteAltitude": "+321.5"}},) * 2 + ("",),
         ({"gps": {GPS.GPSAltitudeRef: b"\x02"}},) * 2 + ("EPSG:5773",),
         ({"drone": {"AltitudeType": "RtkAlt", "AbsoluteAltitude": "+321.5"}}, {}, ""),
+        (
+            {"drone": {"AltitudeType": "RtkAlt", "AbsoluteAltitude": "+321.5"}},
+            {"gps": {GPS.GPSAltitudeRef: b"\x02"}},
+            "",
+        ),
         ({}, {}, ""),
     ],
 )
