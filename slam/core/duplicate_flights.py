@@ -22,22 +22,22 @@ ALL_BUT = 0.1
 
 
 def without_duplicates(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
-    """Return the flights without copies of an earlier one, and one line for each copy."""
+    """Return the flights without copies of an earlier one, and what each copy is."""
     kept: list[Flight] = []
-    notes = []
+    copies = []
     for flight in flights:
         first = next((other for other in kept if same_recording(other, flight)), None)
         if first is None:
             kept.append(flight)
         else:
-            notes.append(f"{flight.name}: the same recording as {first.name}; it was left out")
-    return kept, notes
+            copies.append(f"{flight.name}: the same recording as {first.name}")
+    return kept, copies
 
 
 def without_overlaps(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
     """Return the flights without copies of an earlier one, and without cuts that share readings with one; and
     a line for each that was left out."""
-    kept, notes = without_duplicates(flights)
+    kept, found = without_duplicates(flights)
     apart: list[Flight] = []
     for flight in kept:
         common = ((shared_s(other, flight), other.name) for other in apart)
@@ -45,8 +45,8 @@ def without_overlaps(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]
         if most_s == 0.0:
             apart.append(flight)
         else:
-            notes.append(f"{flight.name}: {most_s:.1f} s of its readings are in {name} too; it was left out")
-    return apart, notes
+            found.append(f"{flight.name}: {most_s:.1f} s of its readings are in {name} too")
+    return apart, [f"{finding}; it was left out" for finding in found]
 
 
 def shared_s(a: Flight, b: Flight) -> float:

@@ -12,7 +12,7 @@ from slam.core.errors import NO_CAMERA
 from slam.core.fix_check import MAX_SPEED_M_S
 from slam.core.flight import Flight
 from slam.core.imu_at_rest import imu_anomalies
-from slam.core.messages import Line, Message, about, as_note, of_flight
+from slam.core.messages import Message, about, as_note
 from slam.core.names import listed
 from slam.core.repeated_readings import repeated_readings
 from slam.core.stream_anomalies import (
@@ -99,7 +99,7 @@ def describe(flight: Flight) -> FlightInfo:
         duration_s=end - start,
         streams=tuple(streams),
         landmarks=len(flight.landmarks),
-        missing=tuple(map(str, _missing(flight))),
+        missing=tuple(_missing(flight)),
         anomalies=tuple(map(str, anomalies(flight))),
         warnings=flight.warnings,
         sources=flight.sources,
@@ -132,7 +132,7 @@ def _stream(name: str, stamps_s: Array, values: Array | None) -> StreamInfo:
     )
 
 
-def missing_for_map(flight: Flight) -> tuple[Line, ...]:
+def missing_for_map(flight: Flight) -> tuple[Message, ...]:
     """Return the streams that were not recorded, and what the map does without them.
 
     The scale is not among them: it is reported with the map.
@@ -140,12 +140,14 @@ def missing_for_map(flight: Flight) -> tuple[Line, ...]:
     if flight.all_keyframes:
         return ()  # photographs: the import has reported the assumptions
     if flight.parts:
-        return tuple(of_flight(part.name, line) for part in flight.parts for line in missing_for_map(part))
-    lines: list[Line] = []
+        return tuple(line.of_flight(part.name) for part in flight.parts for line in missing_for_map(part))
+    lines = []
     if flight.attitude is None:
         lines.append(
-            "no attitude: tilt is not measured, the camera is assumed to look straight down, and a "
-            "tilted flight gives a bent map; record attitude0, or use a gimbal"
+            Message(
+                "no attitude: tilt is not measured, the camera is assumed to look straight down, and a "
+                "tilted flight gives a bent map; record attitude0, or use a gimbal"
+            )
         )
     if flight.imu is None:
         lines.append(
@@ -157,11 +159,11 @@ def missing_for_map(flight: Flight) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def _missing(flight: Flight) -> list[Line]:
+def _missing(flight: Flight) -> list[str]:
     if flight.camera is None or flight.frames is None:
-        lines: list[Line] = [f"{flight.reason_not_read('cam0') or 'no camera'}: there is no map; {NO_CAMERA}"]
+        lines = [f"{flight.reason_not_read('cam0') or 'no camera'}: there is no map; {NO_CAMERA}"]
     else:
-        lines = [*_missing_for_scale(flight), *missing_for_map(flight)]
+        lines = [*_missing_for_scale(flight), *map(str, missing_for_map(flight))]
     if flight.truth is None and flight.gps is None:
         lines.append("no truth and no GPS: the result cannot be evaluated")
     if flight.command is None and not flight.all_keyframes:
@@ -207,7 +209,7 @@ def _missing_for_scale(flight: Flight) -> list[str]:
 def anomalies(flight: Flight) -> list[Message]:
     """Return what is odd about the streams of a flight."""
     if flight.parts:
-        return [of_flight(part.name, line) for part in flight.parts for line in anomalies(part)]
+        return [line.of_flight(part.name) for part in flight.parts for line in anomalies(part)]
     streams = _streams(flight)
     lines = [
         about(

@@ -23,7 +23,7 @@ from slam.core.errors import InputError
 from slam.core.fix_check import NOISE_SIGMAS
 from slam.core.flight import Flight, with_unique_names
 from slam.core.height_systems import height_system_text
-from slam.core.messages import as_message, of_flight
+from slam.core.messages import Message
 from slam.core.names import listed
 from slam.core.picture_content import content_key
 from slam.core.streams import STREAMS, AttitudeSeries, Frames, Gps, Image, Sonar, Truth
@@ -60,7 +60,7 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
     parts = with_unique_names(flights)
     _, copies = without_duplicates(parts)
     if copies:
-        raise InputError(f"{copies[0].removesuffix('it was left out')}give it once")
+        raise InputError(f"{copies[0]}; give it once")
     shifts_s, warnings = _shifts(parts)
     warnings += _levels_differ(parts)
     with_truth = [flight.name for flight in parts if flight.truth is not None]
@@ -84,8 +84,8 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
         surveyed=_surveyed(parts),
         gaps=tuple(dict.fromkeys(gap for flight in parts for gap in flight.gaps)),
         messages=(
-            *(of_flight(flight.name, message) for flight in parts for message in flight.messages),
-            *map(as_message, warnings),
+            *(message.of_flight(flight.name) for flight in parts for message in flight.messages),
+            *map(Message, warnings),
         ),
         all_keyframes=parts[0].all_keyframes,
         parts=parts,

@@ -39,6 +39,14 @@ class Message:
     def __str__(self) -> str:
         return self.text
 
+    def of_flight(self, name: str) -> Message:
+        """Return the message as one of one of several flights, with its name in front."""
+        return replace(self, text=f"{name}: {self.text}")
+
+    def extended(self, *clauses: str) -> Message:
+        """Return the message with further clauses."""
+        return replace(self, text="; ".join((self.text, *clauses)))
+
     @property
     def clauses(self) -> list[str]:
         """The clauses; a semicolon within brackets joins none."""
@@ -89,24 +97,9 @@ def as_message(line: Line) -> Message:
     return line if isinstance(line, Message) else Message(line)
 
 
-def as_messages(*lines: Line) -> tuple[Message, ...]:
-    """Return lines as messages."""
-    return tuple(map(as_message, lines))
-
-
 def about(name: str, line: Line) -> Message:
     """Return a message about a stream or file, with its name in front."""
     return replace(as_message(line), text=f"{name}: {line}", about=name)
-
-
-def of_flight(name: str, line: Line) -> Message:
-    """Return a message of one of several flights, with its name in front."""
-    return replace(as_message(line), text=f"{name}: {line}")
-
-
-def extended(line: Line, *clauses: str) -> Message:
-    """Return a message with further clauses."""
-    return replace(as_message(line), text="; ".join((str(line), *clauses)))
 
 
 def as_note(line: Line) -> Message:
@@ -161,10 +154,10 @@ def by_kind(messages: Iterable[Message]) -> ByKind:
     return ByKind(reasons, others, notes)
 
 
-def joined(*lines: Line) -> tuple[Message, ...]:
+def joined(*lines: Line | None) -> tuple[Message, ...]:
     """Return the messages of a result by their kinds, each text once, of the kind that comes first.
 
-    An empty line is left out.
+    An empty line is left out, and None.
     """
     once: dict[str, Message] = {}
     for message in (as_message(line) for line in lines if line):

@@ -8,7 +8,7 @@ from scipy.special import bdtrc
 
 from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
-from slam.core.messages import Line, Message, about, as_message
+from slam.core.messages import Message, about
 from slam.core.streams import Imu, Sonar, Velocity
 
 Array = NDArray[np.float64]
@@ -191,7 +191,7 @@ def sonar_anomalies(sonar: Sonar) -> list[Message]:
             )
         )
     if line := stuck_ranges(sonar):
-        lines.append(as_message(line))
+        lines.append(line)
     return lines
 
 
@@ -208,15 +208,15 @@ def _value_without_echo(ranges: Array) -> float:
     return float(values[-1]) if is_jump else np.inf
 
 
-def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> Line:
-    """Return a line where ranges repeat exactly for long, and are this share of all at least; else empty."""
+def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> Message | None:
+    """Return a line where ranges repeat exactly for long, and are this share of all at least; else None."""
     known = np.isfinite(sonar.range_m)
     if not known.any():
-        return ""
+        return None
     stamps_s, range_m = sonar.stamps_s[known], sonar.range_m[known]
     at, lasted_s, share = _longest_repeat(stamps_s, range_m[:, None])
     if lasted_s == 0 or share < least_share:
-        return ""
+        return None
     return about(
         "sonar0",
         f"reads exactly {range_m[at]:g} m for {lasted_s:.1f} s from {stamps_s[at]:.1f} s "

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from backend.clocks.delay_residuals import turn_costs
 from backend.clocks.gap_steps import LONGEST_LAG_S
 from slam.core.flight import Flight
-from slam.core.messages import Line
+from slam.core.messages import Line, Message
 from slam.core.stream_anomalies import stuck_ranges
 from slam.core.streams import STREAMS
 from slam.inertial.imu_motion import (
@@ -55,11 +55,11 @@ def level_contradictions(flight: Flight, motion: ImuMotion) -> list[Line]:
     return [*lines, stuck] if stuck else lines
 
 
-def _stuck_in_flight(flight: Flight) -> Line:
+def _stuck_in_flight(flight: Flight) -> Message | None:
     """Describe ranges that repeat while the vehicle does not stand; empty where they do not."""
     sonar, rest_s = flight.sonar, still_times(flight)
     if sonar is None:
-        return ""
+        return None
     edges_s = np.concatenate([[-np.inf], rest_s, [np.inf]])
     after = np.searchsorted(edges_s, sonar.stamps_s, side="right").clip(1, len(edges_s) - 1)
     from_rest_s = np.minimum(sonar.stamps_s - edges_s[after - 1], edges_s[after] - sonar.stamps_s)

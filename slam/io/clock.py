@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted
-from slam.core.messages import Line, Message, about, as_note
+from slam.core.messages import Message, about, as_note
 from slam.io.csv_stream import CsvTable
 
 JUMP_NS = 600 * 10**9
@@ -44,12 +44,12 @@ class _Jump:
 
 def sort_by_time(
     tables: dict[str, CsvTable], trust_clock: bool = False
-) -> tuple[dict[str, CsvTable], list[Line]]:
+) -> tuple[dict[str, CsvTable], list[Message]]:
     """Return tables with strictly increasing stamps on one clock, and remarks on the repairs, one line each.
 
     ``trust_clock`` sorts only: long steps are then pauses, as between photographs.
     """
-    remarks: list[Line] = []
+    remarks: list[Message] = []
     tables = {name: _without_twins(name, t, remarks) for name, t in tables.items()}
     if not trust_clock:
         jumps: dict[str, list[_Jump]] = {}
@@ -64,7 +64,7 @@ def sort_by_time(
     return {name: _sorted(name, table, remarks) for name, table in tables.items()}, remarks
 
 
-def _without_twins(name: str, table: CsvTable, remarks: list[Line]) -> CsvTable:
+def _without_twins(name: str, table: CsvTable, remarks: list[Message]) -> CsvTable:
     """Drop rows that repeat another row's stamp and content."""
     if not len(table.stamps_ns) or len(np.unique(table.stamps_ns)) == len(table.stamps_ns):
         return table
@@ -148,7 +148,7 @@ def _rows_per_expected(ordered_ns: NDArray[np.int64], first: int, last: int, int
 
 
 def _find_jumps(
-    name: str, table: CsvTable, others_ns: NDArray[np.int64], remarks: list[Line]
+    name: str, table: CsvTable, others_ns: NDArray[np.int64], remarks: list[Message]
 ) -> tuple[CsvTable, list[_Jump]]:
     """Find the jumps back of one stream, and those ahead that it undoes, and drop rows with isolated stamps.
 
@@ -211,7 +211,7 @@ def _agree(tables: dict[str, CsvTable], jumps: dict[str, list[_Jump]]) -> None:
                 done.append((jump.ahead_ns, interval[name]))
 
 
-def _unjumped(name: str, table: CsvTable, jumps: list[_Jump], remarks: list[Line]) -> CsvTable:
+def _unjumped(name: str, table: CsvTable, jumps: list[_Jump], remarks: list[Message]) -> CsvTable:
     if not jumps:
         return table
     stamps = table.stamps_ns.copy()
@@ -271,7 +271,7 @@ class _Silence:
         return found
 
 
-def _without_common_jumps(tables: dict[str, CsvTable], remarks: list[Line]) -> dict[str, CsvTable]:
+def _without_common_jumps(tables: dict[str, CsvTable], remarks: list[Message]) -> dict[str, CsvTable]:
     """Remove the jumps ahead, in every stream that has rows after them.
 
     The amount is that of the stream that shows it best; none overlaps its own rows after it. A stream that
@@ -312,7 +312,7 @@ def _pause_remark(tables: dict[str, CsvTable], silence: _Silence) -> Message:
     )
 
 
-def _sorted(name: str, table: CsvTable, remarks: list[Line]) -> CsvTable:
+def _sorted(name: str, table: CsvTable, remarks: list[Message]) -> CsvTable:
     """Make stamps strictly increasing: sort the rows and keep the first of equal stamps."""
     stamps = table.stamps_ns
     late = int((np.diff(stamps) < 0).sum())

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.wording import counted
 from slam.core.flight import Flight
-from slam.core.messages import Line, about, as_message, as_note
+from slam.core.messages import Line, Message, about, as_note
 from slam.core.streams import Truth
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_numbers
@@ -65,7 +65,7 @@ def import_euroc(folder: str | Path) -> Flight:
     if camera != "cam0":
         flight = read_flight(root, camera, ignored=(*_EUROC_ONLY, "cam0"))
     present = [name for name in _EUROC_ONLY if (mav0 / name).exists()]
-    remarks: list[Line] = list(flight.messages)
+    remarks: list[Line] = []
     if camera != "cam0":
         remarks.append(about("cam0", f"the pictures of {camera} are used, which looks down by its T_BS"))
     elif "cam1" in present:
@@ -82,7 +82,7 @@ def import_euroc(folder: str | Path) -> Flight:
         )
     flight, renamed = _to_forward_left_up(flight)
     remarks += renamed + _camera_direction_remarks(flight)
-    return replace(flight, messages=tuple(map(as_message, remarks)))
+    return flight.with_warning(*remarks)
 
 
 def _camera_down(flight: Flight, mav0: Path) -> str:
@@ -99,7 +99,7 @@ def _camera_down(flight: Flight, mav0: Path) -> str:
     return "cam0"
 
 
-def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[Line]]:
+def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[Message]]:
     """Return the poses of the body, transformed from the tracker's markers by ``T_BS``, and notes."""
     table: CsvTable = read_numbers(folder / "data.csv", root, COLUMNS["state_groundtruth_estimate0"][:7])
     ordered, notes = sort_by_time({"vicon0": table})

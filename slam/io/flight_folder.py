@@ -13,7 +13,7 @@ from typing import Any
 
 from frontend.camera import Camera
 from slam.core.flight import Flight
-from slam.core.messages import Line, about, as_message, as_unread, recorded
+from slam.core.messages import Line, Message, about, as_unread, recorded
 from slam.core.names import listed
 from slam.io.camera_folder import camera_of, frames_of
 from slam.io.clock import sort_by_time
@@ -46,7 +46,7 @@ class _Recording:
     ignored: Collection[str]
     tables: dict[str, CsvTable] = field(default_factory=dict)
     sensors: dict[str, YamlFile] = field(default_factory=dict)
-    warnings: list[Line] = field(default_factory=list)
+    warnings: list[Message] = field(default_factory=list)
 
     def note(self, folder: str, notes: Iterable[Line]) -> None:
         self.warnings += [about(folder, note) for note in notes]
@@ -70,7 +70,7 @@ def read_flight(path: Path | str, camera: str = "cam0", ignored: Collection[str]
     )
     recording = _Recording(root, metadata, camera, ignored)
     all_keyframes = _flag(metadata, "all_keyframes")
-    recording.warnings += [*metadata.notes, *_assumptions(metadata)]
+    recording.warnings += [*map(Message, metadata.notes), *_assumptions(metadata)]
     _read_streams(recording)
     check_stamps_agree(recording.tables)
     truncated = [name for name, table in recording.tables.items() if table.truncated]
@@ -90,7 +90,7 @@ def read_flight(path: Path | str, camera: str = "cam0", ignored: Collection[str]
         landmark_pairs=check_pairs(metadata, "landmark_pairs", landmarks),
         gaps=check_pairs(metadata, "gaps", landmarks),
         notes=_notes(recording),
-        messages=tuple(map(as_message, recording.warnings)),
+        messages=tuple(recording.warnings),
         all_keyframes=all_keyframes,
         **parts,
     )
@@ -201,7 +201,7 @@ def _flag(metadata: YamlFile, key: str) -> bool:
     return text in ("true", "yes")
 
 
-def _assumptions(metadata: YamlFile) -> list[Line]:
+def _assumptions(metadata: YamlFile) -> list[Message]:
     """Return the notes about losses, repairs and assumptions from an earlier conversion of the flight."""
     notes = _lines(metadata, "no_action")
     return [replace(recorded(line, notes), text=brief(line, 600)) for line in _lines(metadata, "assumed")]

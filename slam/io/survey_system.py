@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam.core.errors import InputError
 from slam.core.height_systems import UNKNOWN
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, as_note
 from slam.io.datum_accuracy import datum_accuracy_m
 from slam.io.files import brief, refusal
 
@@ -106,17 +106,18 @@ class SurveySystem:
         """Return the accuracy of the transformation of the datum to WGS 84 at a place; NaN if not known."""
         return datum_accuracy_m(self.crs, longitude_deg, latitude_deg)
 
-    def datum_note(self, std_m: float) -> Line:
-        """Return a line about the accuracy of `datum_std_m`; empty for 0."""
+    def datum_note(self, std_m: float) -> Message | None:
+        """Return a line about the accuracy of `datum_std_m`; None for 0."""
         if std_m == 0:
-            return ""
+            return None
         good = "of unknown accuracy" if np.isnan(std_m) else f"good to {std_m:g} m"
         line = (
             f"{brief(self.path.name, 80)}, line {self.line}: coordinates are brought from the datum of "
             f"{brief(self.header, 60)!r} to WGS 84 by a transformation {good}: the map's place on Earth is "
             "no better, its coordinates in that system are"
         )
-        return f"{line}; compare it with a point known in WGS 84" if np.isnan(std_m) else as_note(line)
+        unknown = Message(f"{line}; compare it with a point known in WGS 84")
+        return unknown if np.isnan(std_m) else as_note(line)
 
     def geodetic(self, xy: Array) -> Array:
         """Return longitude and latitude (n, 2) in degrees of x, y (n, 2); NaN for what the system lacks.

@@ -22,7 +22,7 @@ from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight
 from slam.core.heap import trim_heap
 from slam.core.instrument_errors import InstrumentErrors
-from slam.core.messages import Line
+from slam.core.messages import Message
 from slam.core.streams import Gps
 from slam.mapping.calibration.antenna import (
     antenna_height_note,
@@ -72,7 +72,7 @@ def _loop_verdicts(
 
 
 def build_estimate(
-    context: Context, map_: Map, shared: SystematicErrors | None, untested: Sequence[Line]
+    context: Context, map_: Map, shared: SystematicErrors | None, untested: Sequence[Message]
 ) -> Estimate:
     """Collect poses, verdicts, counts and warnings of a finished map, with its `shared_errors`."""
     flight, setup = context.flight, context.setup
@@ -88,7 +88,7 @@ def build_estimate(
     by_instruments = [velocity_warning(instruments.velocity), barometer_warning(map_.bundle)]
     shares = _information_shares(flight, map_)
     said = messages(
-        context, map_, not_placed, shared, instruments.mount, shares, [*untested, *by_instruments]
+        context, map_, not_placed, shared, instruments.mount, shares, (*untested, *by_instruments)
     )
     return Estimate(
         name=flight.name,
@@ -182,7 +182,7 @@ def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:
     return chained, np.where(joined.component[:, None, None] == 0, joined.w_T_b, np.nan)
 
 
-def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, list[Line], bool]:
+def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, list[Message], bool]:
     """Return the errors that all pictures or positions share, a line where they cannot be tested for, and
     whether a held lens is suspect without any."""
     if map_.bundle is None:
@@ -190,13 +190,13 @@ def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, 
     try:
         tested = error_test(map_.bundle)
         is_assumed = gps is not None and gps.antenna_assumed
-        line = unknown_antenna_warning(map_.bundle, tested) if tested and is_assumed else ""
+        line = unknown_antenna_warning(map_.bundle, tested) if tested and is_assumed else None
         lines = [each for each in (line, antenna_height_note(map_.bundle)) if each]
         suspect = tested is not None and is_held_lens_suspect(map_.bundle, tested)
         return tested.errors if tested else None, lines, suspect
     except BackendError as error:
-        line = f"errors that all pictures or all positions share cannot be tested for: {error}"
-        return None, [f"{line}; compare one distance with the ground"], False
+        why = f"errors that all pictures or all positions share cannot be tested for: {error}"
+        return None, [Message(f"{why}; compare one distance with the ground")], False
 
 
 def _middle_std_m(map_: Map, datum: Array) -> float | None:

@@ -8,7 +8,7 @@ from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.flight import Flight
-from slam.core.messages import Line
+from slam.core.messages import Message
 from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
 from slam.core.streams import Gps
@@ -51,7 +51,7 @@ class Context:
     """Calibrations that an earlier map held and the pictures refuted: this map has them as variables."""
     still_held: str = ""
     """Why a refuted antenna's place is held all the same; empty where none is."""
-    doubted_lens: Line = ""
+    doubted_lens: Message | None = None
     """Warning about a lens that is refuted and held all the same; empty where none is."""
 
     @staticmethod
@@ -80,7 +80,7 @@ class Context:
         """The declared lens, where this map has an estimated one instead."""
         return next((refuted for refuted in self.refuted if refuted.what == "lens"), None)
 
-    def with_warning(self, line: Line) -> Context:
+    def with_warning(self, line: Message) -> Context:
         """Return the context with one more warning for the user."""
         return replace(self, flight=self.flight.with_warning(line))
 

@@ -17,7 +17,7 @@ from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
 from slam.core.heap import map_large_blocks
-from slam.core.messages import Line
+from slam.core.messages import Message
 from slam.core.progress import Progress
 from slam.core.repeated_readings import without_held_readings
 from slam.core.stage_timer import Stopwatch
@@ -90,7 +90,7 @@ class _Finished:
     context: Context
     refined: Map
     shared: SystematicErrors | None
-    untested: Sequence[Line]
+    untested: Sequence[Message]
     lens_is_suspect: bool
     """Whether a held lens may be wrong although ``shared`` has no error of it."""
 

@@ -15,7 +15,7 @@ from frontend.registration import Registration
 from slam.core.control_points import ControlReport
 from slam.core.estimate import over_floor
 from slam.core.floor_points import FloorPoints
-from slam.core.messages import Line
+from slam.core.messages import Message
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.front_end import Observations
 from slam.mapping.gps.stated_accuracy import Contradiction
@@ -54,11 +54,11 @@ class Map:
     georeferenced: bool = False
     setups: tuple[Setup, ...] = ()
     """Inputs of the refinement of each part, with the fixes and control points that it uses."""
-    warnings: tuple[Line, ...] = ()
+    warnings: tuple[Message, ...] = ()
     """Each makes the status other than ok; surveyed points and bridges have further ones of their own."""
-    remarks: tuple[Line, ...] = ()
+    remarks: tuple[Message, ...] = ()
     """Measurements that were left out without harm to the result."""
-    no_scale: tuple[Line, ...] = ()
+    no_scale: tuple[str, ...] = ()
     """Why no instrument determined the lengths of a part in metres; the status is not ok."""
     velocity_left_out: bool = False
     """Whether the accelerometer contradicts the velocity in a part; then it tells no lengths of the whole."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from backend.bundle.refinement import Bundle
 from backend.clocks.picture_clock import PictureClock
 from slam.core.control_points import ControlReport
-from slam.core.messages import Line
+from slam.core.messages import Message
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.stated_accuracy import Contradiction
@@ -39,9 +39,9 @@ class MapPart:
     inertial: AccelerometerScale | None = None
     clock: PictureClock | None = None
     control: ControlReport | None = None
-    warnings: tuple[Line, ...] = ()
-    remarks: tuple[Line, ...] = ()
-    no_scale: tuple[Line, ...] = ()
+    warnings: tuple[Message, ...] = ()
+    remarks: tuple[Message, ...] = ()
+    no_scale: tuple[str, ...] = ()
     """Why no instrument determined its lengths in metres."""
     velocity_left_out: bool = False
     """Whether the accelerometer contradicts the velocity, which tells no lengths then."""

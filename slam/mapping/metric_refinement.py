@@ -12,7 +12,7 @@ from backend.bundle.refinement import Bundle
 from backend.inertial_scale.scale import NoScale
 from backend.measurements import AlignedPair, FloorTracks, InertialReadings, ReportedMotion
 from slam.core.imu_at_rest import GravityReading
-from slam.core.messages import Line, Message
+from slam.core.messages import Message
 from slam.core.names import enumerated
 from slam.core.progress import Progress
 from slam.mapping.calibration.fallback_scale import (
@@ -41,8 +41,8 @@ class RefinedPart:
     compared: InertialComparison | None
     reasons: tuple[str, ...]
     """Why barometer and velocity do not tell the scale."""
-    remarks: tuple[Line, ...] = ()
-    warnings: tuple[Line, ...] = ()
+    remarks: tuple[Message, ...] = ()
+    warnings: tuple[Message, ...] = ()
     velocity_left_out: bool = False
     """Whether the accelerometer contradicts the velocity, which tells no lengths then."""
 
@@ -81,14 +81,14 @@ class MetricRefinement:
         first = first or self._refined(exact, members, part.w_T_b, part.floor_z_m)
         bundle = first
         reasons: list[str] = []
-        remarks: list[str] = []
+        remarks: list[Message] = []
         if self.reported is not None and bundle.scale_std is None:
             bundle, reason = self._with_velocity(bundle, exact, members, self.reported)
             reasons += [no_scale_line("velocity0", reason)] if reason else []
         compared = self._compared(setup, members, bundle)
         lengths = _helpful(compared)
         by_velocity = self.reported if bundle.uses_reported_motion else None
-        line = velocity_contradicted(compared.scale, self.gravity) if by_velocity and compared else ""
+        line = velocity_contradicted(compared.scale, self.gravity) if by_velocity and compared else None
         if line:
             without = replace(self, reported=None).of(setup, part, first)
             return replace(without, warnings=(line, *without.warnings), velocity_left_out=True)
@@ -98,7 +98,7 @@ class MetricRefinement:
                 others = {"the accelerometer": lengths, "the barometer": setup.readings.heights}
                 names = enumerated([name for name, measured in others.items() if measured])
                 failed = f"a refinement that adds {names} failed: {reason}"
-                remarks.append(f"lengths come from velocity0 alone; {failed}")
+                remarks.append(Message(f"lengths come from velocity0 alone; {failed}"))
             if reason and compared is not None and lengths is not None:
                 compared = replace(compared, scale=NoScale(reason))
         elif lengths is not None:

@@ -20,7 +20,7 @@ from frontend.elevation import Elevation, elevation_map
 from frontend.masking import ObstacleMask
 from frontend.robust import robust_std
 from slam.core.flight import Flight
-from slam.core.messages import Line, Message, about, as_note
+from slam.core.messages import Message, about, as_note
 from slam.core.streams import Image, Sonar
 from slam.mapping.config import MaskingConfig
 
@@ -250,7 +250,7 @@ def cleared_echoes(recorded: Sonar | None, used: Sonar | None) -> dict[str, int]
     return {OBSTACLE_ECHO: cleared} if cleared else {}
 
 
-def range_contradiction(echoes: Echoes, config: MaskingConfig) -> Line:
+def range_contradiction(echoes: Echoes, config: MaskingConfig) -> Message | None:
     """Return a line where the ranges contradict the map's heights or each other; empty where they do not."""
     standing, measured = echoes.standing(config), int(echoes.measured.sum())
     if standing.sum() > MOST_STANDING * measured:
@@ -262,7 +262,7 @@ def range_contradiction(echoes: Echoes, config: MaskingConfig) -> Line:
             "calibration",
         )
     if not standing.any():
-        return ""
+        return None
     share = float(np.nanmedian(echoes.height_m[standing])) / echoes.flying_m
     # Otherwise they shift the mean of all ranges by less than the width of the floor's own peak.
     matters = share * standing.sum() > BANDWIDTH * measured
@@ -273,7 +273,7 @@ def range_contradiction(echoes: Echoes, config: MaskingConfig) -> Line:
             "those of others, and lengths that rest on them may be as wrong; if nothing moved there, check "
             "the sensor, and whether the zoom of the camera changed",
         )
-    return ""
+    return None
 
 
 def _not_judged(count: int) -> str:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted
 from slam.core.flight import Flight
-from slam.core.messages import Line, as_messages, as_note
+from slam.core.messages import Line, as_note
 from slam.core.names import listed
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
@@ -77,20 +77,19 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
         barometer=_heights_above_takeoff(tags, stamps_s),
         gps=gps,
         notes={key: value for key, value in notes.items() if value},
-        messages=as_messages(
-            *selection.remarks,
-            *mark_remarks,
-            *geotag_remarks,
-            *time_remarks,
-            *lens_remarks,
-            *camera_remarks,
-            *_several_cameras(tags),
-            *gps_remarks,
-            *frame_remarks,
-            *_damaged_tags(tags),
-            *_turned(tags),
-        ),
         all_keyframes=True,
+    ).with_warning(
+        *selection.remarks,
+        *mark_remarks,
+        *geotag_remarks,
+        *time_remarks,
+        *lens_remarks,
+        *camera_remarks,
+        *_several_cameras(tags),
+        *gps_remarks,
+        *frame_remarks,
+        *_damaged_tags(tags),
+        *_turned(tags),
     )
     return with_own_points(flight, folder)
 

@@ -8,7 +8,7 @@ from backend.bundle.accuracy.systematic_errors import ErrorTest
 from backend.bundle.refinement import Bundle
 from backend.triple import triple
 from slam.core.instrument_errors import AntennaPlace
-from slam.core.messages import Line, about, as_note
+from slam.core.messages import Message, about, as_note
 
 NOMINAL_ANTENNA_STD_M = 0.2
 """Standard deviation along each axis of an antenna's place that nobody has measured. Vehicles that carry a
@@ -38,7 +38,7 @@ def antenna_place(bundle: Bundle | None) -> AntennaPlace | None:
     return AntennaPlace(place, std, stated, measured.antenna_std_m)
 
 
-def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> Line:
+def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> Message | None:
     """Return a line where an antenna may lie away from the body's origin, where it is assumed, unseen.
 
     At one heading its place moves the whole map, and nothing shows it. The line is empty for fixes that are
@@ -47,11 +47,11 @@ def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> Line:
     measured = bundle.optimum.problem.measurements
     seen = tested.errors is not None and "position offset" in tested.errors.coefficients
     if not measured.positions or measured.antenna_std_m > 0 or seen:
-        return ""
+        return None
     fix_std_m = float(np.median([p.std_m[:2].max() for p in measured.positions]))
     unseen_m = _CERTAIN * tested.detectable.get("position offset", np.inf)
     if fix_std_m >= NOMINAL_ANTENNA_STD_M or unseen_m < NOMINAL_ANTENNA_STD_M:
-        return ""
+        return None
     return about(
         "gps0",
         f"fixes are good to {fix_std_m:.2g} m, but nothing tells where the antenna is on the body: "
@@ -61,11 +61,11 @@ def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> Line:
     )
 
 
-def antenna_height_note(bundle: Bundle) -> Line:
+def antenna_height_note(bundle: Bundle) -> Message | None:
     """Return a note where the height of the antenna is uncertain as nobody stated it; empty elsewhere."""
     measured = bundle.optimum.problem.measurements
     if not measured.positions or measured.antenna_up_std_m <= measured.antenna_std_m:
-        return ""
+        return None
     return as_note(
         about(
             "gps0",

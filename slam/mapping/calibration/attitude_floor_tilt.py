@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from backend.bundle.graph import LARGEST_SLOPE_RAD
 from backend.bundle.residual_spread import autocorrelated_std
 from slam.core.flight import Flight
-from slam.core.messages import Line, Message
+from slam.core.messages import Message
 from slam.core.rotations import rotation_of
 from slam.mapping.keyframe_readings import attitudes_at
 from slam.mapping.map import Map
@@ -103,13 +103,13 @@ def tilt_over_map(flight: Flight, map_: Map) -> AttitudeFloorTilt | None:
     return attitude_floor_tilt(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
 
 
-def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> Line:
+def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> Message | None:
     """In words, where that is notable: a map without positions takes the ground for level. Else empty."""
     if tilt is None:
-        return ""
+        return None
     size, std = tilt.steadier
     if size < max(NOTABLE_RAD, SURE * std):
-        return ""
+        return None
     where, cause = "", "the ground slopes, or the camera's mounting (T_BS) or the attitude is off"
     if tilt.stays_in_world:
         uphill = np.degrees(np.arctan2(tilt.in_world[1], tilt.in_world[0]))

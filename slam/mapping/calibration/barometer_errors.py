@@ -10,7 +10,7 @@ from backend.bundle.residual_spread import autocorrelated_std
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import up_stds
 from slam.core.instrument_errors import BarometerErrors
-from slam.core.messages import Line, about
+from slam.core.messages import Message, about
 
 _LEAST_HEIGHTS = 15
 """The scatter of so many residuals is known to a fifth (1 / sqrt(2 (n - 2))): `_SURE` deviations are more
@@ -40,7 +40,7 @@ def barometer_errors(bundle: Bundle | None) -> BarometerErrors | None:
     )
 
 
-def barometer_warning(bundle: Bundle | None) -> Line:
+def barometer_warning(bundle: Bundle | None) -> Message | None:
     """Return a line about heights that change by another factor than the map's; empty where none do.
 
     The refinement takes such heights as noisy ones. The factor follows by least squares. Their noise is
@@ -48,23 +48,23 @@ def barometer_warning(bundle: Bundle | None) -> Line:
     hover its error keeps one sign for long, and does not average out.
     """
     if bundle is None or not bundle.uses_barometer:
-        return ""
+        return None
     heights = bundle.optimum.problem.measurements.heights
     if len(heights) < _LEAST_HEIGHTS:
-        return ""
+        return None
     read, z = (values - values.mean() for values in read_and_mapped(heights, bundle.w_T_b))
     steps_m = np.diff(np.unique(np.round(read, 3)))
     k = [height.k for height in heights]
     z_std_m = float(np.median(up_stds(bundle.w_T_b[k], bundle.over_floor_covariances[k])))
     if not len(steps_m) or not z.std() > _CLEAR * z_std_m:
-        return ""
+        return None
     gain, squares = height_gain(read, z), float(z @ z)
     stated_m = float(np.median([height.std_m for height in heights]))
     std = max(autocorrelated_std((read - gain * z)[:, None]), stated_m) / np.sqrt(squares)
     # Each reading is off by half of a step at most: the largest error of the slope.
     by_rounding = 0.5 * float(np.median(steps_m)) * float(np.abs(z).sum()) / squares
     if 1 / _MOST_GAIN < gain < _MOST_GAIN or abs(gain - 1) < _SURE * std + by_rounding:
-        return ""
+        return None
     return about(
         "barometer0",
         f"its heights change {gain:.2g} ± {std:.1g} times as much as those of the map; the map "

@@ -15,7 +15,7 @@ from backend.bundle.refinement import Bundle
 from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
 from slam.core.instrument_errors import MountTilt
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, as_note
 from slam.mapping.calibration.attitude_floor_tilt import CLEARLY, SURE, AttitudeFloorTilt
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 
@@ -57,16 +57,16 @@ def mount_tilt(nominal: Camera | None, bundle: Bundle | None) -> MountTilt | Non
     return MountTilt((float(turn[0]), float(turn[1])), bundle.mount_std_rad, rows)
 
 
-def mount_warning(tilt: MountTilt | None, camera_file: str) -> Line:
+def mount_warning(tilt: MountTilt | None, camera_file: str) -> Message | None:
     """Return a warning if the mount is tilted; otherwise an empty string.
 
     ``camera_file`` says where the mount is declared.
     """
     if tilt is None:
-        return ""
+        return None
     size = float(np.linalg.norm(tilt.tilt_rad))
     if size < SURE * tilt.std_rad:
-        return ""
+        return None
     rows = ", ".join(f"{x:.5g}" for row in tilt.b_T_c for x in row)
     return as_note(
         f"cam0 is mounted {np.degrees(size):.1f} ± {np.degrees(tilt.std_rad):.1g}° askew of its T_BS, as "

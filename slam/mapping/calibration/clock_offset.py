@@ -16,7 +16,7 @@ from backend.clocks.picture_clock import ClockPiece, PictureClock
 from backend.clocks.windows import ClockDisagreement
 from slam.core.clock_steps import step_sizes
 from slam.core.instrument_errors import ClockErrors, ClockSpan
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, as_note
 from slam.core.units import with_error
 
 Array = NDArray[np.float64]
@@ -92,13 +92,13 @@ def clock_errors(clock: PictureClock | None, taken_out: PictureClock) -> ClockEr
     return ClockErrors(tuple(spans))
 
 
-def clock_warning(clock: PictureClock | None, taken_out: PictureClock) -> Line:
-    """Describe a delay or a step that was corrected, or that the flight does not determine; else empty."""
+def clock_warning(clock: PictureClock | None, taken_out: PictureClock) -> Message | None:
+    """Describe a delay or a step that was corrected, or that the flight does not determine; else None."""
     if taken_out is not NO_CORRECTION:
         return _corrected(taken_out)
     if clock is None or all(piece.known for piece in clock.pieces):
-        return ""
-    return (
+        return None
+    return Message(
         "the time offset between camera and imu0 cannot be determined from this flight and is taken as zero; "
         "to have it found, fly with more turns and tilts"
     )
@@ -144,10 +144,10 @@ def _correctable(piece: ClockPiece, clock: PictureClock) -> bool:
     return piece.known and abs(piece.delay_s) < clock.longest_s - _EDGE_S
 
 
-def _corrected(taken_out: PictureClock) -> Line:
+def _corrected(taken_out: PictureClock) -> Message:
     where = "corrected in the map, whose poses are stamped by the imu's clock"
     if len(taken_out.pieces) > 1:
-        return f"{_steps(taken_out)}: {where}; check cam0/data.csv before you use its stamps"
+        return Message(f"{_steps(taken_out)}: {where}; check cam0/data.csv before you use its stamps")
     (piece,) = taken_out.pieces
     return as_note(
         f"{_offset(piece)}: {where}; for other programs shift the stamps in cam0/data.csv by "

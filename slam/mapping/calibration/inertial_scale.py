@@ -21,7 +21,7 @@ from frontend.camera import Camera
 from frontend.lift import lift
 from slam.core.estimate import over_floor
 from slam.core.imu_at_rest import NO_GRAVITY, GravityReading
-from slam.core.messages import Line, Message
+from slam.core.messages import Message
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.front_end import Observations
 
@@ -88,13 +88,15 @@ class InertialComparison:
     scale: AccelerometerScale | NoScale
 
 
-def velocity_contradicted(scale: AccelerometerScale | NoScale, gravity: GravityReading | None = None) -> Line:
+def velocity_contradicted(
+    scale: AccelerometerScale | NoScale, gravity: GravityReading | None = None
+) -> Message | None:
     """Return why a velocity that alone told a map's lengths cannot be right; empty if it can be.
 
     An accelerometer whose reading of ``gravity`` is off may be the wrong one itself: it proves nothing.
     """
     if isinstance(scale, NoScale) or not scale.contradiction or gravity is not None:
-        return ""
+        return None
     ratio, std = 1 / scale.lengths.ratio, scale.ratio_std
     return Message(
         f"velocity0 reads {ratio:.2f} (± {100 * std:.2g} %) times the speed that the accelerometer tells: it "

@@ -22,7 +22,7 @@ from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
 from frontend.camera import Camera
 from slam.core.lens_priors import PLAUSIBLE_FOCAL, as_assumed, as_nominal
-from slam.core.messages import Line, Message, about
+from slam.core.messages import Message, about
 from slam.core.streams import Gps
 from slam.mapping.calibration.antenna import FARTHEST, NOMINAL_ANTENNA_STD_M, refusal_of_antenna
 from slam.mapping.map import Map
@@ -61,8 +61,8 @@ class Freed:
     """The calibrations that are freed, without a lens of another model that was stated as uncertain."""
     reason: str = ""
     """Why a refuted antenna is held all the same; empty where none is."""
-    doubted_lens: Line = ""
-    """Warning about a lens that is refuted and held all the same; empty where none is."""
+    doubted_lens: Message | None = None
+    """Warning about a lens that is refuted and held all the same; None where none is."""
 
     def changes_nothing(self, camera: Camera) -> bool:
         """Return whether nothing is freed of a map that was made with ``camera``."""
@@ -144,21 +144,21 @@ def is_stated_lens_doubted(camera: Camera, map_: Map) -> bool:
     return bool(_evidence(camera, map_).argmax() > 0)
 
 
-def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, Line]:
+def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, Message | None]:
     """Return ``camera`` with its lens known as well as the evidence of a ``trial`` says, else as it is.
 
     The trial has the widest of the priors, that of `as_assumed`. Where its focal length is odd, the lens
     stays as stated, and the second result is a warning.
     """
     if trial.bundle is None or trial.bundle.lens is None or trial.camera.lens != camera.lens:
-        return camera, ""
+        return camera, None
     evidence = _evidence(camera, trial)
     best = int(np.argmax(evidence))
     if evidence[best] - evidence[0] <= VERY_STRONG:
-        return camera, ""
+        return camera, None
     if odd := OddFocal.of(camera, trial):
         return camera, odd.warning(used=False)
-    return with_lens_of(_priors(camera)[best], trial.camera), ""
+    return with_lens_of(_priors(camera)[best], trial.camera), None
 
 
 def _priors(camera: Camera) -> tuple[Camera, ...]:

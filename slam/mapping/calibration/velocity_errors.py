@@ -10,7 +10,7 @@ from backend.bundle.reported.factor import BIAS, CHANNELS, GAINS, LAG
 from backend.bundle.reported.graph import REPORTED
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.instrument_errors import VelocityErrors
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, as_note
 
 _SURE = 3.0
 """Standard deviations from which on an error is not chance."""
@@ -42,10 +42,10 @@ def velocity_errors(bundle: Bundle | None) -> VelocityErrors | None:
     )
 
 
-def velocity_warning(found: VelocityErrors | None) -> Line:
+def velocity_warning(found: VelocityErrors | None) -> Message | None:
     """Report large errors, which the map allows for; empty where there are none."""
     if found is None:
-        return ""
+        return None
     words = []
     for axis, name in enumerate(("forward", "left")):
         gain, gain_std = found.gain[axis], found.gain_std[axis]
@@ -61,7 +61,7 @@ def velocity_warning(found: VelocityErrors | None) -> Line:
     line = (
         f"velocity0 reads {', '.join(words)}: the map allows for it, and other programs should not trust it"
     )
-    return as_note(line) if words else ""
+    return as_note(line) if words else None
 
 
 def _pair(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from backend.quantiles import chi_square_limit
 from backend.wording import counted, either
 from slam.core.flight_info import MOST_LISTED_FIXES
-from slam.core.messages import Message, about, as_note, extended
+from slam.core.messages import Message, about, as_note
 from slam.core.names import listed
 from slam.core.units import length
 from slam.mapping.gps.agreeing_half import LEAST_FOR_HALF
@@ -51,7 +51,7 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
             f"{_with_distance(fixes, bad, distance)}",
         )
         if too_many(len(bad), agreement.count):
-            warnings.append(extended(line, _DOUBT))
+            warnings.append(line.extended(_DOUBT))
         else:
             remarks.append(as_note(line))
     high = covered & agreement.used & np.isfinite(agreement.off_m[:, 2])
@@ -71,7 +71,7 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
                 f"{_with_distance(fixes, bad_altitude, agreement.off_m[bad_altitude, 2])}",
             )
             if too_many(outliers, count):
-                warnings.append(extended(line, _DOUBT))
+                warnings.append(line.extended(_DOUBT))
             else:
                 remarks.append(as_note(line))
     warnings += [

@@ -20,6 +20,7 @@ from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose, ReportedMotion
 from backend.quantiles import chi_square_limit
+from slam.core.messages import Message
 from slam.mapping.calibration.lens import calibrated
 from slam.mapping.control_points import ControlComparison
 from slam.mapping.inertial.bridge import Bridge
@@ -142,7 +143,7 @@ def _apart(parts: Map, joined: Map, members: NDArray[np.int64], reason: str) -> 
         bridges=_bridges(joined, members)[1],
         warnings=(
             *joined.warnings,
-            f"a gap in the pictures is not bridged: {reason}; measure on one side of it only",
+            Message(f"a gap in the pictures is not bridged: {reason}; measure on one side of it only"),
         ),
     )
 
@@ -234,8 +235,7 @@ def _with_bundle(
         bridges=(*others, *refined),
         warnings=(
             *joined.warnings,
-            *convergence_warnings(bundle, setup.readings),
-            *left_out[-1:],
+            *map(Message, (*convergence_warnings(bundle, setup.readings), *left_out[-1:])),
         ),
     )
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from backend.wording import counted, either
 from slam.core.errors import InputError
 from slam.core.flight import Flight
-from slam.core.messages import Line, about
+from slam.core.messages import Message, about
 from slam.core.progress import Progress, silent
 from slam.core.streams import STREAMS, Image
 from slam.mapping.live.mapper import LiveMapper
@@ -158,7 +158,7 @@ class _Followed:
     def with_warnings(self) -> Flight:
         """Return the last state, with warnings of what was left out or is no longer there."""
         assert self.newest is not None
-        lines: list[Line] = []
+        lines = []
         if late := len(self.late_ns):
             lines.append(
                 about(
@@ -179,9 +179,8 @@ class _Followed:
                 )
             )
         if self.error:
-            lines.append(
-                f"the flight could not be read at its end, and an earlier state is used: {self.error}"
-            )
+            said = f"the flight could not be read at its end, and an earlier state is used: {self.error}"
+            lines.append(Message(said))
         return self.newest.with_warning(*lines)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from backend.clocks.delay_residuals import gyro_attitudes
 from slam.core.flight import Flight
 from slam.core.instrument_readings import inertial_readings
-from slam.core.messages import Message, about, extended
+from slam.core.messages import Message, about
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG, Look, axis_tilt_deg
@@ -54,8 +54,8 @@ def chosen_camera(flights: Sequence[Flight], progress: Progress) -> ChosenCamera
     names = [f"{flights[k].name} ({looks[k].sentence})" for k in able]
     remark = about("cam0", f"of several cameras, that of {flights[best].name} is taken: {listed(names, 4)}")
     if looks[best].look != Look.DOWN:
-        remark = extended(
-            remark, "whether it looks down is not known: give the one that does first, or only that one"
+        remark = remark.extended(
+            "whether it looks down is not known: give the one that does first, or only that one"
         )
     return ChosenCamera(best, remark)
 

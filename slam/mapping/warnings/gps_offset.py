@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from backend.quantiles import chi_square_limit
 from slam.core.control_points import ControlReport
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, as_note
 from slam.core.names import enumerated
 from slam.core.units import FOOT_M, length
 
@@ -150,18 +150,20 @@ def _off_check_points(offset: _Offset) -> list[str]:
     return lines
 
 
-def offset_remarks(report: ControlReport) -> list[Line]:
+def offset_remarks(report: ControlReport) -> list[Message]:
     """Return lines about an offset from control points that datums explain, but not what the fixes state."""
     offset = _Offset.of(report)
     if offset is None or not (report.is_followed and report.gps_is_stated):
         return []
-    lines: list[Line] = []
+    lines = []
     if offset.exceeds(slice(2)) and not offset.exceeds(slice(2), _DATUMS_M):
         lines.append(
-            f"control points: the GPS lies {length(offset.size_m)} off all of them alike ({offset.where} of "
-            f"them), far more than the {length(float(offset.fix_m[:2].max()))} that its fixes state: another "
-            "datum, or a base station that is off; the map is where the control points are: check their "
-            "coordinate system"
+            Message(
+                f"control points: the GPS lies {length(offset.size_m)} off all of them alike ({offset.where} "
+                f"of them), far more than the {length(float(offset.fix_m[:2].max()))} that its fixes state: "
+                "another datum, or a base station that is off; the map is where the control points are: "
+                "check their coordinate system"
+            )
         )
     if offset.exceeds(slice(2, 3)) and not offset.is_beyond_references:
         lines.append(

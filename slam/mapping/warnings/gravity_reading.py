@@ -21,7 +21,7 @@ import numpy as np
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.imu_at_rest import GravityReading, gravity_reading
-from slam.core.messages import Line, as_note, as_reason, extended
+from slam.core.messages import Message, as_note, as_reason
 from slam.core.units import percent
 from slam.mapping.context import Context
 from slam.mapping.map import Map
@@ -33,23 +33,24 @@ _NO_MORE = "most of it is likely an offset, which the map estimates"
 class GravityLine:
     """Meaning of a reading of gravity for a map."""
 
-    raw: Line = ""
-    """Line about the reading alone, in whose place the judged one stands; empty where gravity is right."""
-    judged: Line = ""
+    raw: Message
+    """The line about the reading alone, in whose place the judged one stands."""
+    judged: Message
     """A reason for the status where more is wrong than the map states."""
 
 
-def gravity_line(context: Context, map_: Map) -> GravityLine:
-    """Return the line about a reading of gravity that is off, by its effect on the lengths of the map."""
+def gravity_line(context: Context, map_: Map) -> GravityLine | None:
+    """Return the line about a reading of gravity that is off, by its effect on the lengths of the map;
+    None where it is right."""
     flight, config = context.flight, context.setup.config
     reading = None if flight.imu is None or flight.parts else gravity_reading(flight.imu)
     if reading is None:
-        return GravityLine()
+        return None
     inertial = map_.inertial
     if inertial is None or not inertial.helps:
         read = reading.warning if reading.is_missing else reading.reads
         return GravityLine(
-            reading.warning, as_note(extended(read, "the lengths of the map do not rest on it"))
+            reading.warning, as_note(read.extended("the lengths of the map do not rest on it"))
         )
     by_accelerometer = expected_length_error(
         reading, inertial.found.gain_slopes, config.trust.accel_gain_std, config.inertial.accel_offset_m_s2
@@ -68,13 +69,13 @@ def judged(reading: GravityReading, expected: float, stated: float | None) -> Gr
             f"usual size of both it makes lengths of the map {percent(expected)} wrong, and the stated "
             f"{percent(stated)} cover that"
         )
-        return GravityLine(reading.warning, as_note(extended(reading.reads, text)))
+        return GravityLine(reading.warning, as_note(reading.reads.extended(text)))
     text = (
         f"lengths of the map rest on it and may be {percent(expected)} wrong for this "
         "reason, more than is stated; measure one distance on the ground, or calibrate the scale of the "
         "accelerometer"
     )
-    return GravityLine(reading.warning, as_reason(extended(reading.reads, text)))
+    return GravityLine(reading.warning, as_reason(reading.reads.extended(text)))
 
 
 def expected_length_error(

@@ -5,21 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from slam.core.flight import Flight
-from slam.core.messages import Line, Message
+from slam.core.messages import Message
 from slam.mapping.calibration.attitude_floor_tilt import NOTABLE_RAD, SURE, ZERO_STDS, AttitudeFloorTilt
 from slam.mapping.map import Map
 
 
-def lean_warning(flight: Flight, map_: Map, tilt: AttitudeFloorTilt | None) -> Line:
+def lean_warning(flight: Flight, map_: Map, tilt: AttitudeFloorTilt | None) -> Message | None:
     """Return a warning where the attitude leans against a map that heights on Earth hold; empty elsewhere.
 
     Heights in another unit make slopes of what is level, and take the attitude for noise.
     """
     if tilt is None or not map_.georeferenced or map_.bundle is None or flight.attitude is None:
-        return ""
+        return None
     (size, std), stated = tilt.steadier, float(max(flight.attitude.noise_std_rad[:2]))
     if size < max(ZERO_STDS * stated, NOTABLE_RAD) + SURE * std:
-        return ""
+        return None
     control = bool(map_.bundle.optimum.problem.measurements.control)
     return Message(
         f"attitude0 leans by {np.degrees(size):.1f}° against the map, which the heights of "

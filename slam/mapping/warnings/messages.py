@@ -13,7 +13,7 @@ from slam.core.flight import Flight
 from slam.core.flight_info import anomalies, fix_anomalies, missing_for_map
 from slam.core.instrument_errors import MountTilt
 from slam.core.lost_pictures import NOTABLE_SHARE
-from slam.core.messages import Kind, Line, Message, as_note, as_reason, extended, joined
+from slam.core.messages import Kind, Message, as_note, as_reason, joined
 from slam.core.names import listed
 from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
 from slam.mapping.calibration.antenna import antenna_place
@@ -70,7 +70,7 @@ def messages(
     shared: SystematicErrors | None,
     mount: MountTilt | None,
     shares: Shares,
-    untested: Sequence[Line],
+    untested: Sequence[Message | None],
 ) -> tuple[Message, ...]:
     """Return the messages of a map: the reasons of its status, other warnings, and notes.
 
@@ -82,7 +82,7 @@ def messages(
     gravity = gravity_line(context, map_)
     reasons = _reasons(context, map_, not_placed, shared, systematic, tilt, shares)
     return joined(
-        *map(as_reason, reasons),
+        *reasons,
         *flight.messages,
         *judged_anomalies(context, map_, gravity),
         *missing_for_map(flight),
@@ -93,7 +93,7 @@ def messages(
         mount_warning(mount, flight.camera_file),
         clock_warning(map_.clock, context.clock),
         _refuted_antenna(context, map_),
-        systematic or "",
+        systematic,
         *untested,
         *map_.remarks,
         *(offset_remarks(map_.control) if map_.control is not None else ()),
@@ -101,7 +101,7 @@ def messages(
     )
 
 
-def judged_anomalies(context: Context, map_: Map, gravity: GravityLine) -> Iterator[Line]:
+def judged_anomalies(context: Context, map_: Map, gravity: GravityLine | None) -> Iterator[Message]:
     """Yield the anomalies of the streams: judged by the map, and as notes where it has dealt with them."""
     flight = context.flight
     check, dealt_with = flight.fix_check(), list[Message]()
@@ -110,13 +110,13 @@ def judged_anomalies(context: Context, map_: Map, gravity: GravityLine) -> Itera
         suspect = {names[k] for k in np.flatnonzero(~check.consistent).tolist()}
         dealt_with = fix_anomalies(flight) if suspect <= set(map_.fixes_left_out) else []
     for line in anomalies(flight):
-        if line == gravity.raw:
+        if gravity is not None and line == gravity.raw:
             yield gravity.judged
         else:
             yield as_note(line) if line in dealt_with else line
 
 
-def _graph_lines(map_: Map) -> list[Line]:
+def _graph_lines(map_: Map) -> list[Message]:
     """Return the warnings of the pose graph that concern the refined map.
 
     The refinement measures the scatter of its own observations, so that its covariances stand although the
@@ -124,12 +124,12 @@ def _graph_lines(map_: Map) -> list[Line]:
     """
     solution = map_.graph
     if map_.bundle is None or not solution.contradictions:
-        return [*solution.warnings, *solution.contradictions]
+        return [*map(Message, (*solution.warnings, *solution.contradictions))]
     scatter = as_note(
         "pairs of pictures fit each other less exactly than was first assumed; the accuracy of this map "
         "counts that: the refinement of all pictures together has measured how exactly they fit"
     )
-    return [*solution.warnings, scatter]
+    return [*map(Message, solution.warnings), scatter]
 
 
 def _reasons(
@@ -140,7 +140,7 @@ def _reasons(
     systematic: Message | None,
     tilt: AttitudeFloorTilt | None,
     shares: Shares,
-) -> list[Line]:
+) -> list[Message]:
     """Return the reasons why a map may be wrong beyond its covariances."""
     flight = context.flight
     metric = bool(map_.edges.heights.metric[map_.component >= 0].all())
@@ -148,9 +148,9 @@ def _reasons(
     antenna = _refuted_antenna(context, map_)
     lines = [
         _refuted_lens(context, map_),
-        antenna if _antenna_is_stated(flight) else "",
+        antenna if _antenna_is_stated(flight) else None,
         # First, because instruments contradict a map that a lens has bent.
-        systematic if systematic is not None and systematic.kind is Kind.REASON else "",
+        systematic if systematic is not None and systematic.kind is Kind.REASON else None,
         *map_.no_scale,
         *map_.warnings,
         *(control_warnings(map_.control) if map_.control is not None else ()),
@@ -180,7 +180,7 @@ def _reasons(
         *_placement_warnings(map_, not_placed),
         vague_lengths_warning(map_) if by_metres else scale_warning(flight, map_, shares),
     ]
-    return [line for line in lines if line]
+    return [as_reason(line) for line in lines if line]
 
 
 def _motion_warnings(flight: Flight, map_: Map, metric: bool) -> list[Message]:
@@ -213,15 +213,18 @@ def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
     return lines
 
 
-def _moving(observations: Observations, shared: SystematicErrors | None) -> list[Line]:
+def _moving(observations: Observations, shared: SystematicErrors | None) -> list[Message]:
     """Report objects that move by themselves, if there are more than by chance."""
     if observations.moving <= NOTABLE_SHARE * observations.frames:
         return []
     pictures = f"in {observations.moving} of {observations.frames} pictures"
     if shared is not None and is_outside_covariances(shared) and "radial" in shared.coefficients:
         return [
-            f"{pictures} some features do not move as the others do, which a lens distortion explains as "
-            "well as moving things; they are left out of the map; calibrate the camera if nothing moved"
+            Message(
+                f"{pictures} some features do not move as the others do, which a lens distortion explains "
+                "as well as moving things; they are left out of the map; calibrate the camera if nothing "
+                "moved"
+            )
         ]
     return [
         as_note(
@@ -232,28 +235,28 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
     ]
 
 
-def _tilt_warning(map_: Map, tilt: AttitudeFloorTilt | None) -> Line:
+def _tilt_warning(map_: Map, tilt: AttitudeFloorTilt | None) -> Message | None:
     """Return the warning of a tilt against the floor; none where positions determine the slope."""
-    return "" if map_.georeferenced else attitude_floor_tilt_warning(tilt)
+    return None if map_.georeferenced else attitude_floor_tilt_warning(tilt)
 
 
-def _range_contradiction(context: Context, map_: Map) -> Line:
+def _range_contradiction(context: Context, map_: Map) -> Message | None:
     """Report ranges that contradict the map whose scale rests on them."""
     if map_.bundle is None or map_.bundle.range_errors is None:
-        return ""
+        return None
     stamps_s, poses = map_.observations.stamps_s, map_.of_main(map_.over_floor_T_b)
     echoes = echoes_in_map(context.flight.sonar, stamps_s, poses, map_.floor_z_m)
-    return "" if echoes is None else range_contradiction(echoes, context.job.config.masking)
+    return None if echoes is None else range_contradiction(echoes, context.job.config.masking)
 
 
-def _stuck_ranges(flight: Flight, map_: Map) -> Line:
+def _stuck_ranges(flight: Flight, map_: Map) -> Message | None:
     """Report a stuck height sensor that the scale of the map rests on."""
     if flight.sonar is None or map_.bundle is None or map_.bundle.range_errors is None:
-        return ""
+        return None
     return stuck_ranges(flight.sonar, MOST_STUCK)
 
 
-def _refuted_lens(context: Context, map_: Map) -> Line:
+def _refuted_lens(context: Context, map_: Map) -> Message | None:
     """Report a declared lens that the map refutes: it has an estimated one instead, or keeps it."""
     refuted, flight, height_m = context.refuted_lens, context.flight, _main_height_m(map_)
     if refuted is None or context.doubted_lens:
@@ -266,12 +269,12 @@ def _refuted_lens(context: Context, map_: Map) -> Line:
     )
 
 
-def _refuted_antenna(context: Context, map_: Map) -> Line:
+def _refuted_antenna(context: Context, map_: Map) -> Message | None:
     """Report an antenna in whose stated or assumed place the map has an estimated one."""
     place = antenna_place(map_.bundle)
     errors = next((refuted.errors for refuted in context.refuted if refuted.what == "antenna"), None)
     if errors is None or place is None:
-        return ""
+        return None
     stated = _antenna_is_stated(context.flight)
     return refuted_antenna_warning(errors, place, map_.camera, _main_height_m(map_), stated)
 
@@ -294,5 +297,5 @@ def _systematic_warning(context: Context, map_: Map, shared: SystematicErrors | 
         return None
     held = [f"the antenna's place is held, because {context.still_held}"] if context.still_held else []
     contradicted = [f"{c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
-    line = extended(line, *held, *contradicted)
+    line = line.extended(*held, *contradicted)
     return as_reason(line) if contradicted or is_outside_covariances(shared) else line

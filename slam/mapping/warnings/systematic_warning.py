@@ -12,7 +12,7 @@ from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, is_uncertain, prior
 from frontend.camera import Camera
 from slam.core.instrument_errors import AntennaPlace
 from slam.core.lens_priors import as_nominal
-from slam.core.messages import Line, Message, about, extended
+from slam.core.messages import Message, about
 from slam.core.units import length, percent
 from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.map import Map
@@ -65,10 +65,10 @@ def refuted_lens_warning(
     found: SystematicErrors, declared: Camera, used: Camera, height_m: float, metric: bool, camera_file: str
 ) -> Message:
     """Return the warning about a ``declared`` lens in whose place the map has an estimated one, ``used``."""
-    line = systematic_warning(found, declared, height_m, metric, camera_file)
+    line = _described(found, declared, height_m, metric, camera_file)
     lens = "an equidistant fisheye" if used.lens == "equidistant" else "a lens with distortion"
-    return extended(
-        line, f"so was the map with it, and this one has {lens} instead, as estimated from the pictures"
+    return line.extended(
+        f"so was the map with it, and this one has {lens} instead, as estimated from the pictures"
     )
 
 
@@ -144,17 +144,23 @@ def is_outside_covariances(found: SystematicErrors | None) -> bool:
 
 def systematic_warning(
     found: SystematicErrors | None, camera: Camera, height_m: float, metric: bool, camera_file: str
-) -> Line:
-    """Return the warning; empty where the errors concern no position and the covariances include them.
+) -> Message | None:
+    """Return the warning; None where the errors concern no position and the covariances include them.
 
     ``camera`` is the declared or estimated one, ``height_m`` its typical height over the floor. Lengths are
     metres if ``metric``. ``camera_file`` says where a calibration is declared.
     """
     if found is None:
-        return ""
-    outside = is_outside_covariances(found)
-    if not outside and "position offset" not in (*found.coefficients, *found.alternatives):
-        return ""
+        return None
+    at_positions = "position offset" in (*found.coefficients, *found.alternatives)
+    if not at_positions and not is_outside_covariances(found):
+        return None
+    return _described(found, camera, height_m, metric, camera_file)
+
+
+def _described(
+    found: SystematicErrors, camera: Camera, height_m: float, metric: bool, camera_file: str
+) -> Message:
     first = next(iter(found.coefficients))
     terms = ", ".join(_term(kind, found, camera, height_m) for kind in found.coefficients)
     turned = _looks_elsewhere(found, camera)
@@ -165,7 +171,7 @@ def systematic_warning(
     effect = (
         f"it displaces poses by {moved}, more than their standard deviations state, and may cause the other "
         "warnings"
-        if outside
+        if is_outside_covariances(found)
         else "the standard deviations include its effect"
     )
     if turned:

@@ -28,9 +28,9 @@ def one() -> Flight:
 def test_a_copy_is_detected_under_another_name_and_without_some_streams(one: Flight):
     copy = replace(one, name="copy", sonar=None, velocity=None)
     assert same_recording(one, copy)
-    kept, notes = without_duplicates([one, copy])
-    assert kept == [one]
-    assert notes == [f"copy: the same recording as {one.name}; it was left out"]
+    said = f"copy: the same recording as {one.name}"
+    assert without_duplicates([one, copy]) == ([one], [said])
+    assert without_overlaps([one, copy]) == ([one], [f"{said}; it was left out"])
 
 
 def test_different_flights_are_no_copies(one: Flight):

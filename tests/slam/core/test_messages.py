@@ -15,9 +15,7 @@ from slam.core.messages import (
     as_note,
     as_reason,
     by_kind,
-    extended,
     joined,
-    of_flight,
 )
 from slam.core.summary import summarise
 from slam.io.estimate import read_estimate, write_estimate
@@ -32,13 +30,13 @@ REASON = as_reason("the map is in 2 parts; fly again")
 
 
 def test_a_message_keeps_its_kind_and_what_it_is_about_when_its_text_changes():
-    assert of_flight("part", WARNING) == Message("part: sonar0: stuck: no echo; repair it", about="sonar0")
-    assert extended(NOTE, "x").kind is Kind.NOTE
+    assert WARNING.of_flight("part") == Message("part: sonar0: stuck: no echo; repair it", about="sonar0")
+    assert NOTE.extended("x").kind is Kind.NOTE
     assert pickle.loads(pickle.dumps(NOTE)) == NOTE
 
 
 def test_a_message_has_its_finding_and_the_next_step():
-    for message in (WARNING, of_flight("part", WARNING)):
+    for message in (WARNING, WARNING.of_flight("part")):
         assert (message.finding, message.verdict) == ("stuck: no echo", "stuck")
         assert message.next_step == "repair it"
         assert message.begins_with_colon

@@ -106,7 +106,7 @@ def leaning(of_ground_rad: float, of_mount_rad: float, turns_rad: float) -> str:
     poses = np.tile(np.eye(4), (201, 1, 1))
     poses[:, :3, :3] = over_floor.as_matrix()
     flight = Flight("made", attitude=AttitudeSeries(stamps_s, angles))
-    return str(attitude_floor_tilt_warning(attitude_floor_tilt(flight, stamps_s, poses)))
+    return str(attitude_floor_tilt_warning(attitude_floor_tilt(flight, stamps_s, poses)) or "")
 
 
 def test_ground_that_slopes_is_reported_and_from_what():

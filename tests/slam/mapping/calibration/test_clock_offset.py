@@ -86,7 +86,7 @@ def test_what_is_reported_names_what_was_done():
     assert "or more" in clock_contradiction(shown((-1.99, 0.001)), NO_CORRECTION)
     assert "still disagree" in clock_contradiction(shown((0.1, 0.001)), known)
     for clock in (shown((0.01, 0.001)), None):
-        assert clock_warning(clock, NO_CORRECTION) == ""
+        assert clock_warning(clock, NO_CORRECTION) is None
         assert clock_contradiction(clock, NO_CORRECTION) == ""
 
 

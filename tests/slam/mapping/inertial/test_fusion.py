@@ -129,7 +129,7 @@ def test_parts_that_a_wrong_velocity_joined_are_taken_apart():
     assert found.bridges == ()
     (line,) = found.warnings
     said = "a gap in the pictures is not bridged: velocity0 does not fit the pictures"
-    assert line == f"{said}; measure on one side of it only"
+    assert line.text == f"{said}; measure on one side of it only"
 
 
 @lru_cache

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam.core.control_points import ControlReport, PointResidual
-from slam.core.messages import Kind, as_message
+from slam.core.messages import Kind
 from slam.core.summary import _control_record
 from slam.core.units import SPACE
 from slam.mapping.warnings.control_points import control_warnings
@@ -66,10 +66,10 @@ def test_an_offset_beyond_what_fixes_state_is_told_in_words():
     report = controlled((1.574, 3.063, 47.0), stated=True)
     assert offset_warnings(report) == []
     line, of_heights = offset_remarks(report)
-    assert "the GPS lies 3.44 m off" in spoken(line)
-    assert "1.57 m east and 3.06 m north" in spoken(line)
-    assert as_message(of_heights).kind is Kind.NOTE
-    assert as_message(line).kind is not Kind.NOTE
+    assert "the GPS lies 3.44 m off" in spoken(line.text)
+    assert "1.57 m east and 3.06 m north" in spoken(line.text)
+    assert of_heights.kind is Kind.NOTE
+    assert line.kind is not Kind.NOTE
     assert offset_remarks(controlled((0.02, -0.01, 0.05), stated=True)) == []
 
 

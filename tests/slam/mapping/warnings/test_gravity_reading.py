@@ -11,7 +11,7 @@ from backend.bundle.graph import ScalePrior
 from backend.inertial_scale.scale import InertialScale
 from backend.measurements import GRAVITY_M_S2
 from slam.core.imu_at_rest import GravityReading
-from slam.core.messages import Kind, as_message
+from slam.core.messages import Kind
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.warnings.gravity_reading import expected_length_error, judged
 
@@ -55,6 +55,6 @@ def test_lengths_of_a_map_follow_the_accelerometer_by_its_share() -> None:
 @pytest.mark.parametrize(("stated", "in_status"), [(0.02, False), (0.004, True), (None, True)])
 def test_the_status_names_what_exceeds_the_stated_accuracy(stated: float | None, in_status: bool) -> None:
     line = judged(reading(9.04), 0.009, stated)
-    assert as_message(line.judged).kind is (Kind.REASON if in_status else Kind.NOTE)
+    assert line.judged.kind is (Kind.REASON if in_status else Kind.NOTE)
     assert ("measure one distance" in str(line.judged)) == in_status
     assert line.raw == reading(9.04).warning

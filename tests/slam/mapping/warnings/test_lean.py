@@ -29,7 +29,7 @@ def lean(lean_deg: float, control: bool, georeferenced: bool = True) -> str:
         bundle=SimpleNamespace(optimum=SimpleNamespace(problem=SimpleNamespace(measurements=measured))),
     )
     flight = Flight("photos", attitude=attitude)
-    return str(lean_warning(flight, map_, attitude_floor_tilt(flight, STAMPS_S, w_T_b)))
+    return str(lean_warning(flight, map_, attitude_floor_tilt(flight, STAMPS_S, w_T_b)) or "")
 
 
 @pytest.mark.parametrize(("control", "which"), [(True, "control points"), (False, "positions")])

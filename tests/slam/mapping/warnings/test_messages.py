@@ -51,7 +51,7 @@ def test_a_suspect_fix_that_the_map_leaves_out_needs_no_action() -> None:
 
     def of_fixes(*left_out: str) -> list[Message]:
         context, map_ = SimpleNamespace(flight=flight), SimpleNamespace(fixes_left_out=left_out)
-        lines = judged_anomalies(context, map_, SimpleNamespace(raw="", judged=""))
+        lines = judged_anomalies(context, map_, None)
         return [line for line in lines if "farther from the others" in line.text]
 
     (warning,), (note,) = of_fixes(), of_fixes(suspect)

@@ -10,7 +10,12 @@ from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from frontend.camera import Camera
 from slam.core.flight import Flight
 from slam.mapping.gps.stated_accuracy import Contradiction, Pattern
-from slam.mapping.warnings.systematic_warning import explains, is_outside_covariances, systematic_warning
+from slam.mapping.warnings.systematic_warning import (
+    explains,
+    is_outside_covariances,
+    refuted_lens_warning,
+    systematic_warning,
+)
 
 CAMERA = Camera((1000.0, 1000.0), (499.5, 399.5), (1000, 800))
 RADIAL = SystematicErrors(
@@ -31,7 +36,7 @@ OFFSET = replace(
 
 
 def warning(found: SystematicErrors | None) -> str:
-    return str(systematic_warning(found, CAMERA, 50.0, True, "cam0/sensor.yaml"))
+    return str(systematic_warning(found, CAMERA, 50.0, True, "cam0/sensor.yaml") or "")
 
 
 def test_a_lens_is_reported_with_its_size_at_the_corners() -> None:
@@ -76,6 +81,12 @@ def test_an_error_inside_the_covariances_is_reported_for_positions_alone() -> No
     assert not is_outside_covariances(None)
     assert warning(small) == warning(None) == ""
     assert "the standard deviations include its effect" in warning(replace(OFFSET, excess=0.9))
+
+
+def test_a_refuted_lens_is_told_with_its_errors_where_the_covariances_include_them() -> None:
+    inside = replace(RADIAL, excess=0.9)
+    line = refuted_lens_warning(inside, CAMERA, CAMERA, 50.0, True, "cam0/sensor.yaml")
+    assert "a lens distortion other than the declared one" in line.text.split("; so was the map with it")[0]
 
 
 @pytest.mark.parametrize(
