@@ -14,7 +14,7 @@ from slam.core.messages import about
 from slam.core.rotations import rotation_of
 from slam.core.streams import Image
 from slam.io.down_looking import LEAST_FALL
-from slam.mapping.keyframe_readings import attitudes_at
+from slam.mapping.keyframe_readings import REACH_S, attitudes_at
 from slam.mapping.obstacles import Masks, no_masks
 
 _NODES = 64
@@ -30,9 +30,7 @@ def without_horizon_frames(flight: Flight, camera: Camera) -> Flight:
     if flight.attitude is None:
         return flight
     angles = flight.attitude.roll_pitch_yaw_rad
-    roll, pitch, _ = angles.T
-    up = np.column_stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
-    away = up @ camera.b_T_c[:3, 2] > -LEAST_FALL  # not where an angle is missing
+    away = rotation_of(angles)[:, 2] @ camera.b_T_c[:3, 2] > -LEAST_FALL  # not where an angle is missing
     if not away.any():
         return flight
     warning = about(
@@ -61,10 +59,17 @@ def horizon_masks(flight: Flight, camera: Camera) -> Masks:
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     edge = np.zeros(u.shape, dtype=bool)
     edge[[0, -1]] = edge[:, [0, -1]] = True
-    up = rotation_of(np.nan_to_num(flight.attitude.roll_pitch_yaw_rad))[:, 2]
-    if not (up @ rays[edge.ravel()].T > -LEAST_FALL).any():
+    up = rotation_of(flight.attitude.roll_pitch_yaw_rad)[:, 2]
+    highest = np.full(len(up), -1.0)
+    for ray in rays[edge.ravel()]:  # one by one: for an hour of readings all of them would take a gigabyte
+        np.maximum(highest, up @ ray, out=highest)
+    seen_s, frames_s = np.sort(flight.attitude.stamps_s[highest > -LEAST_FALL]), flight.frames.stamps_s
+    first, end = (np.searchsorted(seen_s, frames_s + side_s) for side_s in (-REACH_S, REACH_S))
+    near = np.flatnonzero(end > first)
+    if not len(near):
         return no_masks
-    angles = {a.k: a.roll_pitch_yaw_rad for a in attitudes_at(flight.attitude, flight.frames.stamps_s, 0.0)}
+    found = attitudes_at(flight.attitude, frames_s[near], 0.0)
+    angles = {int(near[a.k]): a.roll_pitch_yaw_rad for a in found}
 
     def mask(frame: int) -> Image | None:
         if frame not in angles:

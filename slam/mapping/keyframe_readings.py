@@ -24,6 +24,11 @@ _LEAST_JUDGED = 4
 _OUTLIER_SIGMA = 5.0
 """Deviation from the others that one healthy sample in two million exceeds."""
 
+_LONGEST_S = 4 * MAX_GAP_S
+"""Longest stretch of samples that a line is fitted to."""
+REACH_S = MAX_GAP_S + _LONGEST_S
+"""Time from a sample beyond which it tells no value."""
+
 _RANGED_SHARE = 0.5
 """Share of keyframes with ranges up to which the barometer counts beside them: a height sensor that reaches
 the floor near the take-off alone says nothing of the climb."""
@@ -60,7 +65,7 @@ def local_value(
         least = lo + (1 if last >= 0 and stamps_s[last] == t else 2)
         hi = min(len(stamps_s), max(hi, least, np.searchsorted(stamps_s, t) + 1))
         dt, near = stamps_s[lo:hi] - t, values[lo:hi]
-        if len(dt) == 0 or np.abs(dt).min() > MAX_GAP_S or np.ptp(stamps_s[lo:hi]) > 4 * MAX_GAP_S:
+        if len(dt) == 0 or np.abs(dt).min() > MAX_GAP_S or np.ptp(stamps_s[lo:hi]) > _LONGEST_S:
             continue
         agrees, least_factor = _on_one_line(dt, near, tolerance), 0.0
         if 2 * agrees.sum() > len(dt):

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.flight import Flight
 from slam.core.streams import AttitudeSeries, Frames
+from slam.mapping import floor_visibility
 from slam.mapping.floor_visibility import horizon_masks, joined, without_horizon_frames
+from slam.mapping.keyframe_readings import REACH_S, attitudes_at
 from slam.mapping.obstacles import no_masks
 
 CAMERA = Camera((150.0, 150.0), (87.5, 71.5), (176, 144), b_T_c=NADIR_B_T_C)
@@ -57,6 +61,30 @@ def test_what_lies_near_the_horizon_or_above_it_is_hidden():
 def test_pictures_without_a_horizon_are_looked_at_as_a_whole():
     assert horizon_masks(seen((0.1, -0.5, 0.0), (0.3, 0.2, 0.0)), CAMERA) is no_masks
     assert horizon_masks(Flight("bare"), CAMERA) is no_masks
+
+
+def test_only_pictures_near_a_view_of_the_horizon_are_asked_for_their_attitude(monkeypatch):
+    """An hour of video has 100 000 of them, and its attitude a million readings."""
+    stamps_s, frames_s = np.arange(0, 250, 0.005), np.arange(0, 250, 1 / 30)
+    angles = np.zeros((len(stamps_s), 3))
+    angles[(stamps_s > 100) & (stamps_s < 101), 1] = np.radians(-65)
+    attitude, asked = AttitudeSeries(stamps_s, angles), []
+
+    def counted(series, at_s, floor_std_rad):
+        asked.append(len(at_s))
+        return attitudes_at(series, at_s, floor_std_rad)
+
+    monkeypatch.setattr(floor_visibility, "attitudes_at", counted)
+    frames = Frames(frames_s, tuple(map(str, range(len(frames_s)))), lambda frame: None)
+    tracemalloc.start()
+    mask = horizon_masks(Flight("made", attitude=attitude, frames=frames), CAMERA)
+    peak_mb = tracemalloc.get_traced_memory()[1] / 1e6
+    tracemalloc.stop()
+    assert [frame for frame, at_s in enumerate(frames_s) if mask(frame) is not None] == [
+        frame for frame, at_s in enumerate(frames_s) if 100 < at_s < 101
+    ]
+    assert sum(asked) < 30 * (1 + 2 * REACH_S) + 2
+    assert peak_mb < 20
 
 
 def test_either_of_two_masks_hides():
