@@ -15,15 +15,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle import projections
+from backend.bundle import projections, schur
 from backend.bundle.observations import Cameras, FloorObservations
-from backend.bundle.projections import by_ray, in_camera, residual
+from backend.bundle.projections import by_place, in_camera, residual
+from backend.bundle.schur import inverse_cholesky
 from backend.compilation import discard_stale, njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-discard_stale([Path(__file__), Path(projections.__file__)])
+discard_stale([Path(__file__), Path(projections.__file__), Path(schur.__file__)])
 
 _STEPS, _STEP = 10, 1e-6
 """Most steps of Gauss and Newton, and the length at which they end, in mean heights: far below the relief of
@@ -46,6 +47,16 @@ class FreePoints:
     """(t,) number of observations of each."""
     agreeing: Index
     """(t,) number of those that agree on it."""
+
+    @property
+    def variance(self) -> Array:
+        """(t,) of each height by the pictures alone."""
+        return np.asarray(1.0 / np.maximum(self.information, np.finfo(float).tiny))
+
+    @property
+    def height(self) -> Array:
+        """(t,) heights by the pictures alone: those of the points are drawn to zero by the fit's prior."""
+        return np.asarray(self.point[:, 2] * (1.0 + _HEIGHT_INFORMATION * self.variance))
 
     @staticmethod
     def of(seen: FloorObservations, cameras: Cameras, point: Array, limit: float) -> FreePoints:
@@ -74,7 +85,8 @@ def fit_points(
     A point that comes to lie behind a camera stays at its start, and none agrees.
     """
     point, information, agreeing = start.copy(), np.zeros(len(start)), np.zeros(len(start), np.int64)
-    V, g, of_ray, used = np.empty((3, 3)), np.empty(3), np.zeros((2, 2)), np.ones(len(keyframe), np.bool_)
+    V, R, g, used = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.ones(len(keyframe), np.bool_)
+    of_ray, of_place = np.zeros((2, 2)), np.zeros((2, 3))
     for t in range(len(start)):
         begin, end = first[t], first[t + 1]
         count = end - begin
@@ -82,27 +94,19 @@ def fit_points(
             p, ahead = point[t], True
             for _ in range(_STEPS):
                 ahead = _add_up(
-                    f_T_c,
-                    p,
-                    calibration,
-                    keyframe,
-                    pixel,
-                    std_px,
-                    huber_sigmas,
-                    used,
-                    begin,
-                    end,
-                    of_ray,
-                    V,
-                    g,
-                )
-                if not ahead or _step(V, g, p) < _STEP:
+                    f_T_c, p, calibration, keyframe, pixel, std_px, huber_sigmas, used, begin, end,
+                    of_ray, of_place, V, g,
+                )  # fmt: skip
+                if not ahead:
+                    break
+                inverse_cholesky(V, R)
+                if _step(R, g, p) < _STEP:
                     break
             if not ahead:
                 point[t], information[t], count = start[t], 0.0, 0
                 break
-            plane = V[0, 0] * V[1, 1] - V[1, 0] * V[1, 0]
-            information[t] = max(_determinant(V) / plane - _HEIGHT_INFORMATION, 0.0)
+            # The last number of the factor is what remains of the height's with x and y marginalised.
+            information[t] = max(1.0 / (R[2, 2] * R[2, 2]) - _HEIGHT_INFORMATION, 0.0)
             worst, far = begin, 0.0
             for m in range(begin, end):
                 if used[m]:
@@ -131,6 +135,7 @@ def _add_up(
     begin: int,
     end: int,
     of_ray: Array,
+    of_place: Array,
     V: Array,
     g: Array,
 ) -> bool:
@@ -148,11 +153,9 @@ def _add_up(
         u, v = residual(T, p, calibration, pixel[m])
         distance = math.sqrt(u * u + v * v) / std_px[m]
         weight = min(1.0, huber_sigmas / max(distance, huber_sigmas)) / (std_px[m] * std_px[m])
-        x, y = X / Z, Y / Z
-        by_ray(calibration, x, y, of_ray)
+        by_place(calibration, X, Y, Z, 1.0, of_ray, of_place)
         for row in range(2):
-            a, b = of_ray[row, 0] / Z, of_ray[row, 1] / Z
-            c = -(a * x + b * y)
+            a, b, c = of_place[row]
             off = u if row == 0 else v
             for i in range(3):
                 of_i = a * T[i, 0] + b * T[i, 1] + c * T[i, 2]
@@ -163,27 +166,12 @@ def _add_up(
 
 
 @njit(cache=True)
-def _determinant(V: Array) -> float:
-    """Return the determinant of a symmetric matrix (3, 3), whose lower triangle is read."""
-    a, b, c, d, e, f = V[0, 0], V[1, 0], V[1, 1], V[2, 0], V[2, 1], V[2, 2]
-    return float(a * (c * f - e * e) - b * (b * f - d * e) + d * (b * e - c * d))
-
-
-@njit(cache=True)
-def _step(V: Array, g: Array, p: Array) -> float:
-    """Add V^-1 g to the point; return the largest change."""
-    a, b, c, d, e, f = V[0, 0], V[1, 0], V[1, 1], V[2, 0], V[2, 1], V[2, 2]
-    l00 = math.sqrt(a)
-    l10, l20 = b / l00, d / l00
-    l11 = math.sqrt(c - l10 * l10)
-    l21 = (e - l20 * l10) / l11
-    l22 = math.sqrt(f - l20 * l20 - l21 * l21)
-    y0 = g[0] / l00
-    y1 = (g[1] - l10 * y0) / l11
-    y2 = (g[2] - l20 * y0 - l21 * y1) / l22
-    z = y2 / l22
-    y = (y1 - l21 * z) / l11
-    x = (y0 - l10 * y - l20 * z) / l00
+def _step(R: Array, g: Array, p: Array) -> float:
+    """Add V^-1 g = R' R g to the point; return the largest change."""
+    a = R[0, 0] * g[0]
+    b = R[1, 0] * g[0] + R[1, 1] * g[1]
+    c = R[2, 0] * g[0] + R[2, 1] * g[1] + R[2, 2] * g[2]
+    x, y, z = R[0, 0] * a + R[1, 0] * b + R[2, 0] * c, R[1, 1] * b + R[2, 1] * c, R[2, 2] * c
     p[0] += x
     p[1] += y
     p[2] += z

@@ -125,7 +125,7 @@ def linearise(
     """
     count, lens = len(keyframe), of_calibration.shape[2] > 0
     right = np.empty((count, 2))
-    of_ray, by_place = np.zeros((2, 2)), np.zeros((2, 3))
+    of_ray, of_place = np.zeros((2, 2)), np.zeros((2, 3))
     for m in range(count):
         T = f_T_c[keyframe[m]]
         u, v = residual(T, point[track[m]], calibration, pixel[m])
@@ -138,25 +138,33 @@ def linearise(
         if Z <= 0.0:
             of_pose[m], of_point[m], of_calibration[m] = 0.0, 0.0, 0.0
             continue
-        x, y = X / Z, Y / Z
-        by_ray(calibration, x, y, of_ray)
+        by_place(calibration, X, Y, Z, weight, of_ray, of_place)
         for row in range(2):
-            a, b = weight * of_ray[row, 0] / Z, weight * of_ray[row, 1] / Z
-            by_place[row, 0], by_place[row, 1], by_place[row, 2] = a, b, -(a * x + b * y)
-        for row in range(2):
-            a, b, c = by_place[row]
+            a, b, c = of_place[row]
             J = of_pose[m, row]
             J[0], J[1], J[2] = b * Z - c * Y, c * X - a * Z, a * Y - b * X
             J[3], J[4], J[5] = -a, -b, -c
             for axis in range(3):
                 of_point[m, row, axis] = a * T[axis, 0] + b * T[axis, 1] + c * T[axis, 2]
         if lens:
-            _by_calibration(calibration, x, y, weight, of_calibration[m])
+            _by_calibration(calibration, X / Z, Y / Z, weight, of_calibration[m])
     return right
 
 
 @njit(cache=True)
-def by_ray(calibration: Array, x: float, y: float, J: Array) -> None:
+def by_place(
+    calibration: Array, X: float, Y: float, Z: float, weight: float, of_ray: Array, J: Array
+) -> None:
+    """Fill in the Jacobian (2, 3) of the pixel by the place in the camera, times a weight, and ``of_ray``."""
+    x, y = X / Z, Y / Z
+    _by_ray(calibration, x, y, of_ray)
+    for row in range(2):
+        a, b = weight * of_ray[row, 0] / Z, weight * of_ray[row, 1] / Z
+        J[row, 0], J[row, 1], J[row, 2] = a, b, -(a * x + b * y)
+
+
+@njit(cache=True)
+def _by_ray(calibration: Array, x: float, y: float, J: Array) -> None:
     """Fill in the Jacobian (2, 2) of the pixel by the undistorted image coordinates."""
     fx, fy = calibration[:2]
     r2 = x * x + y * y
@@ -221,7 +229,7 @@ def undistorted(calibration: Array, pixel: Array) -> Array:
         x, y = xr, yr
         for _ in range(_UNDISTORTION_STEPS):
             xd, yd = _distorted(calibration, x, y)
-            by_ray(calibration, x, y, J)
+            _by_ray(calibration, x, y, J)
             a, b, c, d = J[0, 0] / fx, J[0, 1] / fx, J[1, 0] / fy, J[1, 1] / fy
             determinant = a * d - b * c
             if determinant <= 0.0:

@@ -109,8 +109,7 @@ def find_heights(
     none, on_ground = np.zeros(len(known), bool), known & (used >= 2)
     if on_ground.sum() < _LEAST_POINTS:
         return Heights(start.relief, start.structure, none, none)
-    variance = 1.0 / np.maximum(free.information, np.finfo(float).tiny)
-    z = free.point[:, 2] * (1.0 + variance)  # without the weak prior of the fit
+    z, variance = free.height, free.variance
     if not level:
         z -= _plane(free.point[:, :2], z, on_ground)
     relief = _relief(z[on_ground], variance[on_ground], start.relief)

@@ -50,8 +50,8 @@ def solve_rounds(
 
     Raises ``BackendError`` if the problem cannot be solved.
     """
-    tracks, camera, config = problem.tracks, problem.camera, problem.config
-    used = np.ones(len(tracks.track), bool)
+    camera, config = problem.camera, problem.config
+    every = used = np.ones(len(problem.tracks.track), bool)
     first, iterations = noise, 0
     settled = False
     of_any_slope: int | None = None  # the round with a prior that any slope fits,
@@ -62,10 +62,7 @@ def solve_rounds(
             problem = replace(problem, self_calibrates=True, raised=None)
             at = start_calibration(at, camera)
             # What the stated lens does not explain is no outlier yet, and no noise.
-            used = np.ones(len(tracks.track), bool)
-            noise = replace(
-                first, inertial=noise.inertial, reported=noise.reported, slope_rad=noise.slope_rad
-            )
+            used, noise = every, _anew(first, noise)
         last = settled or number + 1 == config.rounds
         # From a level start, a hillside takes more steps than others to be found.
         limits = _LAST if last or number == of_any_slope else _BEFORE
@@ -86,8 +83,7 @@ def solve_rounds(
         if slope_rad > (1.0 + TOLERANCE) * config.slope_std_rad and of_any_slope is None:
             # What the narrow prior does not explain is no outlier yet, and no noise.
             of_any_slope, slope_rad = number + 1, _ANY_SLOPE_RAD
-            used = np.ones(len(tracks.track), bool)
-            noise = replace(first, inertial=noise.inertial, reported=noise.reported)
+            used, noise = every, _anew(first, noise)
             problem = replace(problem, raised=None)
         elif of_any_height is None and (number > 0 or not is_uncertain(camera)):
             high = noise.structure if found.raised.any() else noise.relief
@@ -100,14 +96,18 @@ def solve_rounds(
         problem, at = _reintegrated(problem, at, kept, before.reported)
         if of_any_height == number + 1:
             # The same of the relief. Structure has drawn the poses along until now.
-            narrow, settled, used = (problem, at, noise, used), False, np.ones(len(tracks.track), bool)
-            moved = replace(first, inertial=noise.inertial, reported=noise.reported)
-            noise = replace(moved, relief=high, slope_rad=slope_rad)
+            narrow, settled = (problem, at, noise, used), False
+            used, noise = every, replace(_anew(first, noise), relief=high)
             problem = replace(problem, raised=None)
         elif of_any_height == number and not found.raised.any():
             # No structure: without a plane, an error of the lens may bend the map to any shape.
             (problem, at, noise, used), settled = narrow, False
     return Solved(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
+
+
+def _anew(first: NoiseLevels, noise: NoiseLevels) -> NoiseLevels:
+    """Return the noise of the start, with what is estimated of inertial and reported motion and the slope."""
+    return replace(first, inertial=noise.inertial, reported=noise.reported, slope_rad=noise.slope_rad)
 
 
 def _slope_std_rad(problem: BundleProblem, at: Variables) -> float:

@@ -85,7 +85,7 @@ def eliminate(
                     for c in range(q):
                         mixed[a, c] += of_point[m, k, a] * of_calibration[m, k, c]
         R = inverse[t]
-        _inverse_cholesky(V, R)
+        inverse_cholesky(V, R)
         for a in range(3):
             for c in range(q):
                 y_calibration[t, a, c] = R[a, 0] * mixed[0, c] + R[a, 1] * mixed[1, c] + R[a, 2] * mixed[2, c]
@@ -99,7 +99,7 @@ def eliminate(
 
 
 @njit(cache=True)
-def _inverse_cholesky(V: Array, R: Array) -> None:
+def inverse_cholesky(V: Array, R: Array) -> None:
     """Fill in the inverse R (3, 3) of the lower Cholesky factor of V (3, 3), whose lower triangle is read."""
     l00 = math.sqrt(V[0, 0])
     l10, l20 = V[1, 0] / l00, V[2, 0] / l00
