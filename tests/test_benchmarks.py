@@ -13,6 +13,7 @@ from scipy.stats import norm
 from backend.measurements import GRAVITY_M_S2
 from slam.core.streams import Truth
 from tests.benchmarks import (
+    apart,
     blind_dev,
     by_pycolmap,
     commands,
@@ -252,7 +253,7 @@ def test_the_time_of_a_command_has_that_of_its_children(monkeypatch):
 
 def test_memory_is_compared_with_that_of_the_peers_process():
     best = by_pycolmap.Mapped(10.0, 20.0, {}, 1, peak_mb=400.0)
-    found = by_pycolmap.against_best(by_pycolmap.Took(4.0, 8.0, peak_mb=500.0), best, 3)
+    found = by_pycolmap.against_best(apart.Took(4.0, 8.0, peak_mb=500.0), best, 3)
     assert [(metric.value, metric.met) for metric in found] == [(0.4, True), (0.4, True), (1.25, False)]
 
 

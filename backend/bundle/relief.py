@@ -29,7 +29,10 @@ LEAST_PICTURES = 3
 any height."""
 _LEAST_POINTS = 20
 """Points of known height below which the relief stays what it was."""
+_LEAST_INFORMATION = 1e-3
+"""Information on a height, over that of the relief, below which it tells nothing of the relief."""
 _LEAST_RELIEF = 2e-4
+"""Least relief, over the mean height: 20 mm from 100 m."""
 _ITERATIONS = 20
 """Steps in which share and spread of the structure are found."""
 _FAR = 3.0
@@ -105,7 +108,7 @@ def find_heights(
 
     Heights are over the floor if the fit has it ``level`` at zero, and else over the plane of most points.
     """
-    known = (free.agreeing >= 2) & (free.information * start.relief**2 > 1e-3)
+    known = (free.agreeing >= 2) & (free.information * start.relief**2 > _LEAST_INFORMATION)
     none, on_ground = np.zeros(len(known), bool), known & (used >= 2)
     if on_ground.sum() < _LEAST_POINTS:
         return Heights(start.relief, start.structure, none, none)
@@ -113,15 +116,15 @@ def find_heights(
     if not level:
         z -= _plane(free.point[:, :2], z, on_ground)
     relief = _relief(z[on_ground], variance[on_ground], start.relief)
-    told = known & (free.agreeing >= LEAST_PICTURES)
-    found = _with_structure(z[told], variance[told], relief, start.relief)
+    judged = known & (free.agreeing >= LEAST_PICTURES)
+    found = _with_structure(z[judged], variance[judged], relief, start.relief)
     if found is None:
         return Heights(relief, start.structure, none, none)
     high = none.copy()
     high[known] = replace(found, z=z[known], variance=variance[known]).probabilities > 0.5
     on_ground &= ~high
     relief = _relief(z[on_ground], variance[on_ground], start.relief)
-    return Heights(relief, found.structure, high & told, high & (free.pictures < LEAST_PICTURES))
+    return Heights(relief, found.structure, high & judged, high & (free.pictures < LEAST_PICTURES))
 
 
 def _relief(z: Array, variance: Array, start: float) -> float:
@@ -161,24 +164,24 @@ def _with_structure(z: Array, variance: Array, relief: float, start: float) -> _
     return best
 
 
-def _plane(xy: Array, z: Array, told: Mask) -> Array:
-    """Return the heights (t,) of the plane of most points at the places (t, 2), by those that are ``told``.
+def _plane(xy: Array, z: Array, known: Mask) -> Array:
+    """Return the heights (t,) of the plane of most points at the places (t, 2), by the ``known`` ones.
 
     It has the least median of the distances among planes through three points. One of them is on a plane of
     half of the points with a probability of 1 - (7/8)^`_PLANES`. Source: Rousseeuw 1984.
     """
     terms = np.column_stack([np.ones(len(z)), xy])
-    of_told, z_told, rng = terms[told], z[told], np.random.default_rng(0)
+    of_known, z_known, rng = terms[known], z[known], np.random.default_rng(0)
     best: Array = np.zeros(3)
     least = np.inf
     for _ in range(_PLANES):
-        three = rng.choice(len(z_told), 3, replace=False)
-        plane = np.linalg.lstsq(of_told[three], z_told[three])[0]
-        off = np.abs(z_told - of_told @ plane)
+        three = rng.choice(len(z_known), 3, replace=False)
+        plane = np.linalg.lstsq(of_known[three], z_known[three])[0]
+        off = np.abs(z_known - of_known @ plane)
         if np.median(off) < least:
             best, least = np.asarray(plane), float(np.median(off))
-    near = np.abs(z_told - of_told @ best) <= _FAR / _MEDIAN * least
-    return np.asarray(terms @ np.linalg.lstsq(of_told[near], z_told[near])[0])
+    near = np.abs(z_known - of_known @ best) <= _FAR / _MEDIAN * least
+    return np.asarray(terms @ np.linalg.lstsq(of_known[near], z_known[near])[0])
 
 
 def _core(z: Array, variance: Array) -> float:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.mosaic.plan import MosaicPlan
+from frontend.mosaic.canvas import MosaicGrid
 from frontend.surface.misregistration import SQUARE_PX, Misregistration
 from frontend.surface.relief import FALSE_SHARE
 
@@ -32,14 +32,14 @@ class Disagreement:
     """Middle of the largest group, x and y; None without any."""
 
 
-def disagreement(measured: Misregistration, plan: MosaicPlan) -> Disagreement:
-    """Return where the pictures of a plan do not agree."""
+def disagreement(measured: Misregistration, grid: MosaicGrid) -> Disagreement:
+    """Return where the pictures of a mosaic do not agree."""
     groups = groups_beyond_chance(measured)
     if not groups:
         return Disagreement()
     row, col = groups[0][np.argmin(np.linalg.norm(groups[0] - groups[0].mean(axis=0), axis=1))] + 0.5
-    side_m = SQUARE_PX * plan.gsd_m
-    at_m = plan.west_m + float(col) * side_m, plan.north_m - float(row) * side_m
+    side_m = SQUARE_PX * grid.gsd_m
+    at_m = grid.west_m + float(col) * side_m, grid.north_m - float(row) * side_m
     return Disagreement(sum(map(len, groups)) / len(measured.square), at_m)
 
 

@@ -9,13 +9,14 @@ import numpy as np
 
 from backend.wording import either
 from frontend.camera import Camera
+from frontend.views import Masks
 from slam.core.flight import Flight
 from slam.core.messages import about
 from slam.core.rotations import rotation_of
 from slam.core.streams import Image
 from slam.io.down_looking import LEAST_FALL
 from slam.mapping.keyframe_readings import REACH_S, attitudes_at
-from slam.mapping.obstacles import Masks, no_masks
+from slam.mapping.obstacles import no_masks
 
 _NODES = 64
 """Nodes of a mask along the longer side of a picture: about a degree apart, finer than a gimbal's errors."""

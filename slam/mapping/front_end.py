@@ -20,6 +20,7 @@ from frontend.opencv_features import FeatureUnavailableError
 from frontend.registration import Registration, overlap, refused, register
 from frontend.store import FeatureStore
 from frontend.tracked import IntermediateFrame
+from frontend.views import Masks
 from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.errors import InputError
 from slam.core.flight import Flight
@@ -29,7 +30,7 @@ from slam.mapping.contradicted_step import ContradictedStep
 from slam.mapping.earlier_pass import EarlierPass, Key, comparison_key
 from slam.mapping.floor_views import FloorViews
 from slam.mapping.floor_visibility import horizon_masks, joined
-from slam.mapping.obstacles import Masks, no_masks
+from slam.mapping.obstacles import no_masks
 from slam.mapping.read_ahead import read_ahead
 from slam.mapping.resume.photographs import KeptPhotographs
 from slam.mapping.resume.registrations import KeptRegistrations

@@ -14,8 +14,8 @@ from frontend.masking import hides
 from frontend.motions import Expectation
 from frontend.registration import Registration
 from frontend.store import FeatureStore
+from frontend.views import Masks
 from slam.mapping.front_end import FrontEnd, Observations
-from slam.mapping.obstacles import Masks
 
 MOST_HIDDEN = 0.5
 """Share of the features of a keyframe: the breakdown point of a robust fit."""

@@ -6,7 +6,6 @@ height has a sharp peak where the sonar hears the floor, and shorter ranges come
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +18,7 @@ from frontend.camera import Camera
 from frontend.elevation import Elevation, elevation_map
 from frontend.masking import ObstacleMask
 from frontend.robust import robust_std
+from frontend.views import Masks
 from slam.core.flight import Flight
 from slam.core.messages import Message, about, as_note
 from slam.core.streams import Image, Sonar
@@ -46,10 +46,6 @@ VISIT_S = 3.0
 """Readings of one place so far apart in time are two visits: a beam passes a place within a second or two."""
 LONG_S, CLIMBED = 0.5, 0.5 * RELATIVE_GAMMA
 """Between keyframes so far apart in time, and in height by so much of it, the height is anyone's guess."""
-
-Masks = Callable[[int], Image | None]
-"""Function of a frame's number: the mask of pixels to search for features (0: not searched); None for all
-pixels."""
 
 
 @dataclass(frozen=True)

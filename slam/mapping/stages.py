@@ -11,6 +11,7 @@ import numpy as np
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
+from frontend.views import Masks
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.heap import large_blocks_kept
@@ -45,7 +46,7 @@ from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.line_loops import close_over_lines
 from slam.mapping.map import Map, largest_first
-from slam.mapping.obstacles import Masks, Obstacles
+from slam.mapping.obstacles import Obstacles
 from slam.mapping.refine import refine_map
 from slam.mapping.search_radius import KnownPoses, implausible_edges, search_radius
 from slam.mapping.setup import Setup

@@ -1,4 +1,4 @@
-"""Jobs in separate processes, so that time and peak memory belong to one job."""
+"""Jobs in separate processes, so that time and peak memory belong to one job, and both of a job."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import json
 import resource
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,3 +37,22 @@ def peak_mb() -> float:
         return int(line.split()[1]) / 1024
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1024**2 if sys.platform == "darwin" else 1024)
+
+
+@dataclass(frozen=True)
+class Took:
+    """Time and memory of some work."""
+
+    seconds: float
+    cpu_s: float
+    """Processor time."""
+    peak_mb: float
+    """Peak resident memory of the process until then."""
+
+
+@contextmanager
+def timed() -> Iterator[list[Took]]:
+    """Give a list that has time and memory of the block after it."""
+    began, cpu_began, took = time.perf_counter(), time.process_time(), list[Took]()
+    yield took
+    took.append(Took(time.perf_counter() - began, time.process_time() - cpu_began, peak_mb()))

@@ -9,9 +9,7 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.benchmarks.apart import peak_mb, run_apart
+from tests.benchmarks.apart import Took, run_apart, timed
 from tests.benchmarks.metric import Metric, Skipped, at_most
 
 if TYPE_CHECKING:
@@ -153,24 +151,6 @@ def _mapped(pictures: Path, names: list[str], settings: Settings) -> Mapped:
         image.name: image.cam_from_world().matrix() for image in largest.images.values() if image.has_pose
     }
     return Mapped(seconds, cpu_s, poses, len(models), memory_mb)
-
-
-@dataclass(frozen=True)
-class Took:
-    """Time from pictures to poses, and memory."""
-
-    seconds: float
-    cpu_s: float
-    peak_mb: float
-    """Peak resident memory of the process until then."""
-
-
-@contextmanager
-def timed() -> Iterator[list[Took]]:
-    """Give a list that has time and memory of the block after it."""
-    began, cpu_began, took = time.perf_counter(), time.process_time(), list[Took]()
-    yield took
-    took.append(Took(time.perf_counter() - began, time.process_time() - cpu_began, peak_mb()))
 
 
 def against_best(ours: Took, best: Mapped, of: int) -> list[Metric]:

@@ -19,9 +19,10 @@ from slam.evaluation import evaluate
 from slam.evaluation.trajectory import Similarity, umeyama
 from slam.io.photos.import_photos import import_photos
 from slam.mapping.pipeline import optimize
-from tests.benchmarks.by_pycolmap import Mapped, Settings, Took, against_best, at_its_best, mapped, timed
+from tests.benchmarks.apart import Took, timed
+from tests.benchmarks.by_pycolmap import Mapped, Settings, against_best, at_its_best, mapped
 from tests.benchmarks.measured import folder
-from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, reported
+from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, reported, rms_length
 
 Array = NDArray[np.float64]
 
@@ -87,9 +88,9 @@ def shape(p: Positions) -> list[Metric]:
     off = onto.apply(p.ours_m) - p.reference_m
     tilt_deg = float(np.degrees(np.arccos(np.clip(onto.R[2, 2], -1, 1))))
     return [
-        reported("RMS to sfm_reference.csv after a similarity", rms(off), "m", HELD_CENTER),
-        reported("the same, horizontally", rms(off[:, :2]), "m"),
-        reported("the same, vertically", rms(off[:, 2:]), "m"),
+        reported("RMS to sfm_reference.csv after a similarity", rms_length(off), "m", HELD_CENTER),
+        reported("the same, horizontally", rms_length(off[:, :2]), "m"),
+        reported("the same, vertically", rms_length(off[:, 2:]), "m"),
         reported("tilt of that reference against our level map", tilt_deg, "deg"),
     ]
 
@@ -103,7 +104,7 @@ def against_gps(p: Positions) -> list[Metric]:
     metrics = []
     for how, (ours, theirs) in (("without alignment", stand), ("each after a similarity", fitted)):
         for axes, name in ((slice(0, 2), "horizontal"), (slice(2, 3), "vertical"), (slice(0, 3), "3-D")):
-            a, b = rms(ours[:, axes]), rms(theirs[:, axes])
+            a, b = rms_length(ours[:, axes]), rms_length(theirs[:, axes])
             key, source = f"{name} GPS residual over the reference's, {how}", f"{a:.2f} m over {b:.2f} m"
             asked = name == "horizontal" and how == "without alignment"
             source += "; " + LEANS if how == "without alignment" and name == "vertical" else ""
@@ -117,7 +118,7 @@ def against_gps(p: Positions) -> list[Metric]:
 def leveled(moving_m: Array, fixed_m: Array) -> float:
     """Return the horizontal residual after a planar similarity, the only freedom of a level map."""
     flat = np.array([1.0, 1.0, 0.0])
-    return rms((aligned(moving_m * flat, fixed_m * flat).apply(moving_m * flat) - fixed_m)[:, :2])
+    return rms_length((aligned(moving_m * flat, fixed_m * flat).apply(moving_m * flat) - fixed_m)[:, :2])
 
 
 def aligned(moving_m: Array, fixed_m: Array) -> Similarity:
@@ -192,9 +193,4 @@ def apart_m(estimate: Estimate, theirs: Mapped) -> float:
     """Return the RMS distance of pycolmap's positions from ours after a similarity."""
     both = [k for k, name in enumerate(estimate.frame_names) if name in theirs.c_T_w and estimate.placed[k]]
     center, mine = theirs.centers([estimate.frame_names[k] for k in both]), estimate.w_T_b[both, :3, 3]
-    return rms(umeyama(center, mine, with_scale=True).apply(center) - mine)
-
-
-def rms(off_m: Array) -> float:
-    """Return the root mean square length of (n, d) differences."""
-    return float(np.sqrt(np.mean(np.sum(off_m**2, axis=1))))
+    return rms_length(umeyama(center, mine, with_scale=True).apply(center) - mine)

@@ -108,4 +108,4 @@ def awake(shared: None, item: int) -> tuple[int, int]:
 
 if __name__ == "__main__":
     for metric in measure(int(sys.argv[1])):
-        print(f"{metric.key}: {metric.value:.3g} {metric.unit} {metric.source}")
+        print(metric)

@@ -12,7 +12,6 @@ import math
 import os
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
@@ -29,8 +28,8 @@ from slam.core.stage_timer import Stopwatch
 from slam.io.photos.import_photos import import_photos
 from slam.mapping.pipeline import optimize
 from slam.report.rasters.mosaic import write_mosaic
-from tests.benchmarks.apart import peak_mb, run_apart
-from tests.benchmarks.metric import Metric, at_most, reported
+from tests.benchmarks.apart import peak_mb, run_apart, timed
+from tests.benchmarks.metric import Metric, at_most, reported, rms_length
 from tests.benchmarks.processor_time import stages_by_processor
 from tests.slam.io.photos.photo_files import jpeg
 from tests.slam.photo_survey import ORIGIN, poses
@@ -182,15 +181,14 @@ def mapped(folder: Path, warm: Path) -> Survey:
 
 
 def _mapped(folder: Path) -> Survey:
-    began = time.perf_counter()
     timer = Stopwatch()
-    with timer("import"):
-        flight = import_photos(folder)
-    estimate = optimize(flight)
-    map_mb = peak_mb()
-    with timer("mosaic"), tempfile.TemporaryDirectory() as scratch:
-        write_mosaic(estimate, flight, scratch)
-    seconds = time.perf_counter() - began
+    with timed() as took:
+        with timer("import"):
+            flight = import_photos(folder)
+        estimate = optimize(flight)
+        map_mb = peak_mb()
+        with timer("mosaic"), tempfile.TemporaryDirectory() as scratch:
+            write_mosaic(estimate, flight, scratch)
     stages = {"import": timer.seconds["import"], **estimate.timing_s, "mosaic": timer.seconds["mosaic"]}
     truth_m = np.load(folder / TRUTH)
     placed = np.flatnonzero(estimate.placed)
@@ -202,11 +200,11 @@ def _mapped(folder: Path) -> Survey:
         photographs=len(flight.frames),
         placed=len(placed),
         pairs=len(estimate.relative_poses),
-        error_m=float(np.sqrt(np.mean(np.sum(off_m**2, axis=1)))),
+        error_m=rms_length(off_m),
         cpu_s=stages,
         map_mb=map_mb,
-        mosaic_mb=peak_mb(),
-        wall_s=seconds,
+        mosaic_mb=took[0].peak_mb,
+        wall_s=took[0].seconds,
     )
 
 
@@ -219,7 +217,7 @@ def main(*arguments: str) -> None:
         print(json.dumps(asdict(mapped(Path(arguments[1]), Path(arguments[2])))))
     else:
         for metric in measure([int(size) for size in arguments]):
-            print(f"{metric.key}: {metric.value:.3g} {metric.unit}; {metric.source}")
+            print(metric)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import json
 import math
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -31,7 +30,7 @@ from slam.core.streams import AttitudeSeries, Sonar, Truth
 from slam.evaluation import evaluate
 from slam.mapping.pipeline import optimize
 from slam.report.rasters.mosaic import write_mosaic
-from tests.benchmarks.apart import peak_mb, run_apart
+from tests.benchmarks.apart import run_apart, timed
 from tests.benchmarks.metric import Metric, at_most, reported
 from tests.benchmarks.processor_time import stages_by_processor
 
@@ -203,14 +202,11 @@ def flight_of(path: Path, minutes: float) -> Flight:
 
 def mapped(path: Path, minutes: float) -> Piece:
     """Map a video in this process."""
-    began, used = time.perf_counter(), time.process_time()
-    flight = flight_of(path, minutes)
-    with stages_by_processor():
+    with timed() as mapping, stages_by_processor():
+        flight = flight_of(path, minutes)
         estimate = optimize(flight)
-    map_s, wall_s, map_mb = time.process_time() - used, time.perf_counter() - began, peak_mb()
-    with tempfile.TemporaryDirectory() as scratch:
+    with timed() as drawing, tempfile.TemporaryDirectory() as scratch:
         write_mosaic(estimate, flight, scratch)
-    mosaic_s, mosaic_mb = time.process_time() - used - map_s, peak_mb()
     assert flight.frames is not None
     return Piece(
         minutes,
@@ -219,11 +215,11 @@ def mapped(path: Path, minutes: float) -> Piece:
         placed=int(estimate.placed.sum()),
         error_m=evaluate(estimate, flight).ate_m.rmse,
         cpu_s=estimate.timing_s,
-        whole_s=map_s,
-        mosaic_s=mosaic_s,
-        map_mb=map_mb,
-        mosaic_mb=mosaic_mb,
-        wall_s=wall_s,
+        whole_s=mapping[0].cpu_s,
+        mosaic_s=drawing[0].cpu_s,
+        map_mb=mapping[0].peak_mb,
+        mosaic_mb=drawing[0].peak_mb,
+        wall_s=mapping[0].seconds,
     )
 
 
@@ -236,7 +232,7 @@ def main(work: str, *arguments: str) -> None:
         print(json.dumps(asdict(mapped(Path(arguments[0]), float(arguments[1])))))
     else:
         for metric in measure([float(work), *map(float, arguments)]):
-            print(f"{metric.key}: {metric.value:.3g} {metric.unit}; {metric.source}")
+            print(metric)
 
 
 if __name__ == "__main__":

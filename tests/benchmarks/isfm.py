@@ -20,9 +20,10 @@ from slam.core.streams import Gps
 from slam.evaluation.trajectory import umeyama
 from slam.io.photos.import_photos import import_photos
 from slam.mapping.pipeline import optimize
-from tests.benchmarks.by_pycolmap import Mapped, Settings, Took, against_best, at_its_best, mapped, timed
+from tests.benchmarks.apart import Took, timed
+from tests.benchmarks.by_pycolmap import Mapped, Settings, against_best, at_its_best, mapped
 from tests.benchmarks.measured import folder
-from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, reported, within
+from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, reported, rms_length, within
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ def measure() -> list[Metric]:
         estimate = optimize(flight)
     metrics = [
         at_least("photos placed, of 32", int(estimate.placed.sum()), "", 32),
-        at_most("positions against RTK, nothing aligned", rms(off_m(flight, estimate)), "m", WANTED_M),
+        at_most("positions against RTK, nothing aligned", rms_length(off_m(flight, estimate)), "m", WANTED_M),
         *held_out(flight),
         reported("our time, pictures to poses", took[0].seconds, "s"),
     ]
@@ -87,9 +88,11 @@ def held_out(flight: Flight) -> list[Metric]:
     nees = np.einsum("na,na->n", off, np.linalg.solve(told + own, off[..., None])[..., 0]) / 3
     count = f"{len(off)} positions that the map does not use"
     return [
-        at_most("position error at RTK fixes that the map does not use", rms(off), "m", WANTED_M, count),
-        reported("the same, horizontally", rms(off[:, :2]), "m"),
-        reported("the same, vertically", rms(off[:, 2:]), "m"),
+        at_most(
+            "position error at RTK fixes that the map does not use", rms_length(off), "m", WANTED_M, count
+        ),
+        reported("the same, horizontally", rms_length(off[:, :2]), "m"),
+        reported("the same, vertically", rms_length(off[:, 2:]), "m"),
         within("their squared errors over the told and the receiver's variances", nees.mean(), "", NEES_BAND),
     ]
 
@@ -118,7 +121,7 @@ def beside_pycolmap(photos: Path, flight: Flight, estimate: Estimate, took: Took
         return [reported("pycolmap", float("nan"), "", f"not taken: {skipped}")]
     truth = estimate.w_T_b[:, :3, 3] - off_m(flight, estimate)
     ours = umeyama(estimate.w_T_b[:, :3, 3], truth, with_scale=True)
-    aligned = rms(ours.apply(estimate.w_T_b[:, :3, 3]) - truth)
+    aligned = rms_length(ours.apply(estimate.w_T_b[:, :3, 3]) - truth)
     how = f"{PYCOLMAP_SIDE_PX} px, OPENCV lens, free principal point, exhaustive matching, CPU"
     return [
         reported("ours after a similarity", aligned, "m"),
@@ -135,9 +138,4 @@ def error_m(estimate: Estimate, truth: Array, theirs: Mapped) -> float:
     names = [Path(name).name for name in estimate.frame_names]
     placed = np.array([name in theirs.c_T_w for name in names])
     center = theirs.centers([name for name in names if name in theirs.c_T_w])
-    return rms(umeyama(center, truth[placed], with_scale=True).apply(center) - truth[placed])
-
-
-def rms(off_m: Array) -> float:
-    """Return the root mean square length of (n, d) differences."""
-    return float(np.sqrt(np.mean(np.sum(off_m**2, axis=1))))
+    return rms_length(umeyama(center, truth[placed], with_scale=True).apply(center) - truth[placed])

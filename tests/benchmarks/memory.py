@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
-import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from slam.mapping.pipeline import optimize
 from slam.report.rasters.mosaic import write_mosaic
 from slam.simulation import simulate
 from slam.simulation.recipe import Recipe, load_recipe
-from tests.benchmarks.apart import peak_mb, run_apart
+from tests.benchmarks.apart import Took, run_apart, timed
 from tests.benchmarks.metric import Metric, at_most, reported
 
 _ME = "tests.benchmarks.memory"
@@ -34,12 +33,8 @@ class Job:
 
     frames: int
     keyframes: int
-    map_s: float
-    mosaic_s: float
-    map_mb: float
-    """Peak memory until the map was complete."""
-    mosaic_mb: float
-    """Peak memory until the mosaic was complete."""
+    mapping: Took
+    mosaic: Took
 
 
 def measure() -> list[Metric]:
@@ -47,10 +42,10 @@ def measure() -> list[Metric]:
     with tempfile.TemporaryDirectory() as scratch:
         short, long = (fly_and_map(laps, Path(scratch) / f"{laps}-laps") for laps in (1, LAPS))
     return [
-        ratio("peak memory, without mosaic", short.map_mb, long.map_mb, "MB", 1.3),
-        ratio("peak memory, with mosaic", short.mosaic_mb, long.mosaic_mb, "MB", 1.3),
-        ratio("time to the map", short.map_s, long.map_s, "s", None),
-        ratio("time of the mosaic", short.mosaic_s, long.mosaic_s, "s", None),
+        ratio("peak memory, without mosaic", short.mapping.peak_mb, long.mapping.peak_mb, "MB", 1.3),
+        ratio("peak memory, with mosaic", short.mosaic.peak_mb, long.mosaic.peak_mb, "MB", 1.3),
+        ratio("time to the map", short.mapping.seconds, long.mapping.seconds, "s", None),
+        ratio("time of the mosaic", short.mosaic.seconds, long.mosaic.seconds, "s", None),
         ratio("pictures", short.frames, long.frames, "", None),
         ratio("keyframes", short.keyframes, long.keyframes, "", None),
     ]
@@ -66,7 +61,9 @@ def ratio(what: str, short: float, long: float, unit: str, limit: float | None) 
 def fly_and_map(laps: int, path: Path) -> Job:
     """Run two processes, since the simulator's floor must not count as the mapper's memory."""
     run_apart(_ME, "fly", laps, path)
-    return Job(**run_apart(_ME, "map", laps, path))
+    found = run_apart(_ME, "map", laps, path)
+    mapping, mosaic = Took(**found.pop("mapping")), Took(**found.pop("mosaic"))
+    return Job(**found, mapping=mapping, mosaic=mosaic)
 
 
 def recipe(laps: int) -> Recipe:
@@ -81,14 +78,13 @@ def recipe(laps: int) -> Recipe:
 
 def run(path: Path) -> Job:
     """Map a written flight in this process."""
-    began = time.perf_counter()
-    flight = read_flight(path)
+    with timed() as mapping:
+        flight = read_flight(path)
+        estimate = optimize(flight)
+    with timed() as drawing:
+        write_mosaic(estimate, flight, path.with_name(f"{path.name}-mosaic"))
     assert flight.frames is not None
-    estimate = optimize(flight)
-    mapped, map_mb = time.perf_counter(), peak_mb()
-    write_mosaic(estimate, flight, path.with_name(f"{path.name}-mosaic"))
-    done = time.perf_counter()
-    return Job(len(flight.frames), len(estimate.stamps_s), mapped - began, done - mapped, map_mb, peak_mb())
+    return Job(len(flight.frames), len(estimate.stamps_s), mapping[0], drawing[0])
 
 
 def main(work: str, laps: int, path: Path) -> None:

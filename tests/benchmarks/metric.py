@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 Direction = Literal["at most", "at least", "within", "reported"]
 
 
@@ -37,6 +40,10 @@ class Metric:
             return self.limit[0] <= self.value <= self.limit[1]
         return self.value <= self.limit[0] if self.direction == "at most" else self.value >= self.limit[0]
 
+    def __str__(self) -> str:
+        """Return key, value, unit and method."""
+        return f"{self.key}: {self.value:.3g} {self.unit}; {self.source}"
+
 
 def at_most(key: str, value: float, unit: str, limit: float, source: str = "") -> Metric:
     """Return a figure that must not exceed its limit."""
@@ -56,3 +63,8 @@ def within(key: str, value: float, unit: str, band: tuple[float, float], source:
 def reported(key: str, value: float, unit: str, source: str = "") -> Metric:
     """Return a figure without a limit."""
     return Metric(key, float(value), unit, source=source)
+
+
+def rms_length(off: NDArray[np.float64]) -> float:
+    """Return the root mean square length of (n, d) differences."""
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))

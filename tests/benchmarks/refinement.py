@@ -7,8 +7,6 @@ that of one step of Gauss and Newton on the graph with one factor for each obser
 
 from __future__ import annotations
 
-import resource
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -32,6 +30,7 @@ from backend.measurements import Attitude, FloorTracks, Measurements, SlantRange
 from backend.pose_graph.elimination import nested_dissection
 from tests.backend.bundle.factor_graph import all_values, factor_graph
 from tests.backend.made_floor import CAMERA, SIZE_PX
+from tests.benchmarks.apart import peak_mb
 from tests.benchmarks.metric import Metric, at_most, reported
 
 T = TypeVar("T")
@@ -72,7 +71,7 @@ def _metrics(count: int, limit_s: float) -> list[Metric]:
             f"{count} keyframes: time of the heights of points over that of a refinement of this flat floor",
             (sum(of_relief) + sum(of_points)) / whole_s, "", 0.1,
         ),
-        reported(f"{count} keyframes: peak memory of the process", _peak_gb(), "GB"),
+        reported(f"{count} keyframes: peak memory of the process", peak_mb() / 1000, "GB"),
     ]  # fmt: skip
     if count == min(LIMITS_S):
         raw_s = min(_timed(lambda: _gtsam_step(cost, at))[0] for _ in range(REPEATS))
@@ -122,11 +121,6 @@ def _summed(holder: object, name: str) -> Iterator[list[float]]:
 
     with patch.object(holder, name, timed):
         yield found
-
-
-def _peak_gb() -> float:
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1e9 if sys.platform == "darwin" else 1e6)
 
 
 def survey(count: int, seed: int) -> tuple[Measurements, np.ndarray]:

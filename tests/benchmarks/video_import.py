@@ -10,8 +10,7 @@ import json
 import struct
 import sys
 import tempfile
-import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -19,7 +18,7 @@ import numpy as np
 
 from slam.cli import app
 from slam.io.recordings.video.mp4 import read_tracks
-from tests.benchmarks.apart import peak_mb, run_apart
+from tests.benchmarks.apart import Took, run_apart, timed
 from tests.benchmarks.metric import Metric, at_least, at_most, reported
 from tests.slam.io.recordings.video.made_video import box, full, replaced, table
 
@@ -31,15 +30,6 @@ WIDTH_PX, SOME_HZ = 640, 10
 """Width and rate of the pictures that are taken: the front end tracks smaller ones still."""
 
 
-@dataclass(frozen=True)
-class Job:
-    """Time and memory of one process."""
-
-    wall_s: float
-    cpu_s: float
-    peak_mb: float
-
-
 def measure() -> list[Metric]:
     """Return memory, speed and ratio to decoding alone, of an hour and of all pictures of a minute."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -48,19 +38,19 @@ def measure() -> list[Metric]:
         hour = repeated(minute, folder / "hour.mp4", HOUR_S // MINUTE_S)
         some = ("--width", WIDTH_PX, "--picture-rate", SOME_HZ)
         short, long = (
-            Job(**run_apart(_ME, "import", video, folder / f"{video.stem}-some", *some))
+            Took(**run_apart(_ME, "import", video, folder / f"{video.stem}-some", *some))
             for video in (minute, hour)
         )
-        bare = Job(**run_apart(_ME, "decode", hour))
-        bare_minute = Job(**run_apart(_ME, "decode", minute))
-        reduced = Job(**run_apart(_ME, "import", minute, folder / "reduced", "--width", WIDTH_PX))
-        whole = Job(**run_apart(_ME, "import", minute, folder / "whole"))
+        bare = Took(**run_apart(_ME, "decode", hour))
+        bare_minute = Took(**run_apart(_ME, "decode", minute))
+        reduced = Took(**run_apart(_ME, "import", minute, folder / "reduced", "--width", WIDTH_PX))
+        whole = Took(**run_apart(_ME, "import", minute, folder / "whole"))
     taken = f"{SOME_HZ} pictures a second, {WIDTH_PX} px"
     return [
         at_most(
             f"peak memory of an hour, {taken}", long.peak_mb, "MB", 400, f"a minute: {short.peak_mb:.0f} MB"
         ),
-        at_least(f"speed, {taken}, over the video's own", HOUR_S / long.wall_s, "x", 5, _said(long)),
+        at_least(f"speed, {taken}, over the video's own", HOUR_S / long.seconds, "x", 5, _said(long)),
         at_most(f"CPU, {taken}, over decoding alone", long.cpu_s / bare.cpu_s, "x", 1.3, _said(bare)),
         reported(
             f"CPU, all pictures, {WIDTH_PX} px, over decoding alone", reduced.cpu_s / bare_minute.cpu_s, "x"
@@ -69,8 +59,8 @@ def measure() -> list[Metric]:
     ]
 
 
-def _said(job: Job) -> str:
-    return f"{job.wall_s:.0f} s, {job.cpu_s:.0f} CPU s"
+def _said(took: Took) -> str:
+    return f"{took.seconds:.0f} s, {took.cpu_s:.0f} CPU s"
 
 
 def pan(path: Path, seconds: float) -> Path:
@@ -118,16 +108,16 @@ def repeated(source: Path, path: Path, times: int) -> Path:
     return path
 
 
-def run(work: str, source: str, *options: str) -> Job:
+def run(work: str, source: str, *options: str) -> Took:
     """Decode or import a video in this process."""
-    began, used = time.perf_counter(), time.process_time()
-    if work == "decode":
-        video = cv2.VideoCapture(source, cv2.CAP_FFMPEG)
-        while video.read()[0]:
-            pass
-    else:
-        app(["import", source, "--quiet", "--out", *options], standalone_mode=False)
-    return Job(time.perf_counter() - began, time.process_time() - used, peak_mb())
+    with timed() as took:
+        if work == "decode":
+            video = cv2.VideoCapture(source, cv2.CAP_FFMPEG)
+            while video.read()[0]:
+                pass
+        else:
+            app(["import", source, "--quiet", "--out", *options], standalone_mode=False)
+    return took[0]
 
 
 if __name__ == "__main__":

@@ -54,16 +54,23 @@ def test_a_flat_floor_gives_the_planar_result_with_its_information(base: str):
 @pytest.mark.parametrize("walls", [0.05, 0.3])
 def test_structure_keeps_its_heights_and_bends_no_map(base: str, walls: float):
     height_m, flat = BASES[base].height_m, solved(base, 0.0)
-    kept, seen, off, drawn, rms = 0, 0, [], [], []
+    kept, seen, drawing, of_two, off, drawn, rms = 0, 0, 0, 0, [], [], []
     for made, bundle in solved(base, walls):
         structure = made.point[:, 2] > 0.1 * height_m
-        told = structure & (pictures_of_points(made) >= LEAST_PICTURES)
-        used = told & (pictures_of_points(made, bundle.optimum.used) >= LEAST_PICTURES)
-        kept, seen = kept + used.sum(), seen + told.sum()
+        judged = structure & (pictures_of_points(made) >= LEAST_PICTURES)
+        used = judged & (pictures_of_points(made, bundle.optimum.used) >= LEAST_PICTURES)
+        kept, seen = kept + used.sum(), seen + judged.sum()
+        two = structure & (pictures_of_points(made) == LEAST_PICTURES - 1)
+        drawing += pictures_of_points(made, bundle.optimum.used)[two].sum()
+        of_two += pictures_of_points(made)[two].sum()
+        raised = bundle.optimum.problem.raised
+        assert (pictures_of_points(made, bundle.optimum.used)[raised] >= LEAST_PICTURES).all()
         off.append((bundle.optimum.at.point[:, 2] - made.point[:, 2] / height_m)[used])
         drawn.append(errors_squared(made, bundle).mean())
         rms.append(position_rms(made, bundle.w_T_b))
     assert kept > 0.95 * seen
+    assert of_two > 0
+    assert drawing == 0
     assert np.median(np.abs(np.concatenate(off))) < 0.015
     assert 4.6 < np.mean(drawn) < 7.4
     assert np.mean(rms) < 1.1 * np.mean([position_rms(made, bundle.w_T_b) for made, bundle in flat])
@@ -106,6 +113,23 @@ def test_ground_and_structure_are_told_apart():
 def test_relief_alone_is_no_structure(relief: float):
     rng = np.random.default_rng(3)
     assert not any(found_in(rng.normal(0, relief, 500), 0.005).raised.any() for _ in range(10))
+
+
+def test_a_single_height_farther_off_than_others_is_no_structure():
+    """The two numbers of a second kind of points must gain more than they cost."""
+    z = np.random.default_rng(5).normal(0, 0.01, 500)
+    z[0] = 0.045
+    assert not found_in(z, 0.001).raised.any()
+    z[:10] = 0.045
+    assert found_in(z, 0.001).raised[:10].all()
+
+
+def test_a_height_is_that_of_the_pictures_without_the_prior_of_its_fit():
+    of_pictures, information = np.array([0.3, -0.2]), np.array([0.5, 40.0])
+    point = np.column_stack([np.zeros((2, 2)), of_pictures * information / (information + 1.0)])
+    free = FreePoints(point, information, np.full(2, 3), np.full(2, 3))
+    np.testing.assert_allclose(free.height, of_pictures)
+    np.testing.assert_allclose(free.variance, 1.0 / information)
 
 
 def test_two_pictures_tell_no_height():

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from frontend.camera import Camera
 from frontend.mosaic.canvas import CELL_PX
 from frontend.mosaic.plan import MosaicPlan, plan_mosaic
+from frontend.mosaic.structures import structures
 from frontend.mosaic.surface import HeightSource, Surface
 from tests.frontend.mosaic.scene import FLOOR_Z_M, pose
 
@@ -54,9 +57,16 @@ def test_no_seam_crosses_a_roof_with_ground_around_it(slope):
 
 def test_a_slope_is_no_structure():
     """All of a hillside would be one, and would be drawn from any picture that shows it."""
-    level = plan_mosaic(CAMERA, POSES, FLOOR_Z_M, GSD_M)
-    over = village([], 0.0)
-    assert np.array_equal(plan_mosaic(CAMERA, POSES, FLOOR_Z_M, GSD_M, surface=over).owner, level.owner)
+    plan = plan_mosaic(CAMERA, POSES, FLOOR_Z_M, GSD_M)
+    assert structures(village([], 0.3), plan, 1.0)[1] == []
+    assert len(structures(village(HOUSES, 0.3), plan, 1.0)[1]) == len(HOUSES)
+
+
+@pytest.mark.parametrize(("std_m", "count"), [(0.1, len(HOUSES)), (0.2, 0)])
+def test_heights_must_be_sure_to_be_those_of_a_structure(std_m, count):
+    plan, seen = plan_mosaic(CAMERA, POSES, FLOOR_Z_M, GSD_M), village(HOUSES)
+    uncertain = replace(seen, std_m=np.full_like(seen.height_m, std_m))
+    assert len(structures(uncertain, plan, 1.0)[1]) == count
 
 
 def test_a_roof_that_no_picture_shows_whole_keeps_its_seams():

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from frontend.masking import hides
+from frontend.views import Masks
 from slam.core.flight import Flight
 from slam.core.progress import silent
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.hidden_features import without_hidden
-from slam.mapping.obstacles import Masks, no_masks
+from slam.mapping.obstacles import no_masks
 from tests.slam.small_flight import flown, only
 
 
