@@ -25,7 +25,7 @@ from frontend.homography import HomographyConfig, transfer
 from frontend.line_tracking import InstrumentMotion, LineTracker
 from frontend.masking import unless_hidden
 from frontend.motions import MOST_LEAD, Expectation
-from frontend.photographs import NO_SEARCH_MEMORY, Photograph, SearchMemory, photographs
+from frontend.photographs import NO_SEARCH_CHECKPOINTS, Photograph, SearchCheckpoints, photographs
 from frontend.registration import Registration, register
 from frontend.tracked import IntermediateFrame, Keyframe, Matched, Tracked, on_floor
 from frontend.tracking_state import Start, TrackingState
@@ -167,23 +167,24 @@ class Tracker:
         view_of = self._views.read_again(load)
         if self._lines is not None:
             self._lines.resume(state.lines, view_of)
-        self.frames = state.frame
         return state.start(view_of)
 
-    def every(self, load: Load, count: int, memory: SearchMemory = NO_SEARCH_MEMORY) -> Iterator[Keyframe]:
+    def every(
+        self, load: Load, count: int, checkpoints: SearchCheckpoints = NO_SEARCH_CHECKPOINTS
+    ) -> Iterator[Keyframe]:
         """Yield each readable photograph as a keyframe, linked to the previous one where the two overlap.
 
         ``load`` returns the picture of each of ``count`` frames, or None; several are read at a time.
         """
         number = -1
         before: Features | None = None
-        each = photographs(load, count, self.extractor, self.camera, self._masks, self._known, memory)
+        each = photographs(load, count, self.extractor, self.camera, self._masks, self._known, checkpoints)
         for photograph in self._usable(each):
             if not self._has_features(photograph):
                 continue
             link, features = None, photograph.features
             if before is not None:
-                link = memory.link(number, before, features, partial(
+                link = checkpoints.link(number, before, features, partial(
                     register, number, number + 1, before, features, self.camera, self.homography, self.gates
                 ))  # fmt: skip
             number, before = number + 1, features

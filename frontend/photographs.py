@@ -71,8 +71,8 @@ class SearchedPhotograph:
     features: Features | None = None
 
 
-class SearchMemory(Protocol):
-    """Searches and links of an earlier run over the same photographs."""
+class SearchCheckpoints(Protocol):
+    """Results of an earlier run over the same photographs: searches, and links of successive ones."""
 
     def recall(self, frame: int, mask: Image | None) -> SearchedPhotograph | None:
         """Return the result for a photograph with a mask; None where it is not known."""
@@ -87,7 +87,7 @@ class SearchMemory(Protocol):
         is not known."""
 
 
-class NoSearchMemory:
+class NoSearchCheckpoints:
     """Nothing is known."""
 
     def recall(self, frame: int, mask: Image | None) -> SearchedPhotograph | None:
@@ -104,7 +104,7 @@ class NoSearchMemory:
         return work()
 
 
-NO_SEARCH_MEMORY = NoSearchMemory()
+NO_SEARCH_CHECKPOINTS = NoSearchCheckpoints()
 
 
 def photographs(
@@ -114,7 +114,7 @@ def photographs(
     camera: Camera,
     masks: Masks,
     known: Callable[[int], Features | None],
-    memory: SearchMemory = NO_SEARCH_MEMORY,
+    checkpoints: SearchCheckpoints = NO_SEARCH_CHECKPOINTS,
 ) -> Iterator[tuple[int, Photograph | str]]:
     """Yield the number of each of ``count`` photographs, and the photograph or the reason for having none.
 
@@ -128,7 +128,7 @@ def photographs(
             mask = masks(frame)
             earlier.append(unless_hidden(known(frame), mask, camera))
             is_known = earlier[-1] is not None
-            if not is_known and (before := memory.recall(frame, mask)) is not None:
+            if not is_known and (before := checkpoints.recall(frame, mask)) is not None:
                 yield Ready(before)
                 continue
             if not is_known:
@@ -146,7 +146,7 @@ def photographs(
             yield frame, "unreadable"
             continue
         if frame in new:
-            memory.keep(frame, found)
+            checkpoints.keep(frame, found)
         same, before = found.digest.tobytes() == before, found.digest.tobytes()
         if found.unusable or same:
             yield frame, found.unusable or SAME_PICTURE

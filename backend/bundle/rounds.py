@@ -8,11 +8,11 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.checkpoints import minimum_of
 from backend.bundle.factors import SLOPE
 from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables, start_calibration
 from backend.bundle.inertial.graph import without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise
-from backend.bundle.known_minima import minimum_of
 from backend.bundle.lens import is_uncertain
 from backend.bundle.minimise import BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import TOLERANCE, estimate_noise, same_noise

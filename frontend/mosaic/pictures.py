@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.mosaic.memory import NO_MOSAIC_MEMORY, MosaicMemory
+from frontend.mosaic.checkpoints import NO_MOSAIC_CHECKPOINTS, MosaicCheckpoints
 from frontend.mosaic.plan import MosaicPlan
 from frontend.picture_check import unusable_reason
 from frontend.views import Load
@@ -33,10 +33,10 @@ class Pictures:
         load: Load,
         max_mb: float = 256,
         is_copy: bool = False,
-        memory: MosaicMemory = NO_MOSAIC_MEMORY,
+        checkpoints: MosaicCheckpoints = NO_MOSAIC_CHECKPOINTS,
     ) -> None:
-        """``memory``: what an earlier run found in the pictures, for the process that hands out the jobs."""
-        self.memory = memory
+        """``checkpoints``: what an earlier run found, for the process that hands out the jobs."""
+        self.checkpoints = checkpoints
         self._plan, self._load, self.max_mb, self._is_copy = plan, load, max_mb, is_copy
         self._cache: OrderedDict[int, Image] = OrderedDict()
         self._bytes = 0

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from frontend.mosaic.blending import REACH_PX, MultiBand
 from frontend.mosaic.canvas import CELL_PX, SOFT_CELLS, Tile
+from frontend.mosaic.checkpoints import with_checkpoints
 from frontend.mosaic.exposure import Exposure, Samples, estimate_exposure
-from frontend.mosaic.memory import remembered
 from frontend.mosaic.pictures import BRIGHT, DARK, Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import ground_heights, ground_maps, ground_seen
@@ -67,8 +67,8 @@ def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None
     shared, count = _Exposed(plan, pictures), len(plan.views)
     if report:
         report("exposure", 0, count)
-    memory = pictures.memory.stage("exposure", plan)
-    for index, found in enumerate(remembered(memory, _measured, shared, range(count))):
+    checkpoints = pictures.checkpoints.stage("exposure", plan)
+    for index, found in enumerate(with_checkpoints(checkpoints, _measured, shared, range(count))):
         if found is not None:
             digest, part = found
             pictures.seen(index, digest)
@@ -145,8 +145,10 @@ def render_tiles(
         marks.append((mark, old is not None))
         return old
 
-    memory = pictures.memory.stage("tiles", plan, exposure)
-    rendered = remembered(memory, _rendered, _Exposed(plan, pictures, exposure), tiles, share, reused)
+    checkpoints = pictures.checkpoints.stage("tiles", plan, exposure)
+    rendered = with_checkpoints(
+        checkpoints, _rendered, _Exposed(plan, pictures, exposure), tiles, share, reused
+    )
     if report:
         report("mosaic", 0, len(tiles))
     for done, (tile, rgba) in enumerate(zip(tiles, rendered, strict=True)):

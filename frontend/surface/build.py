@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from frontend.elevation import Elevation
 from frontend.mosaic.canvas import Tile
-from frontend.mosaic.memory import remembered
+from frontend.mosaic.checkpoints import with_checkpoints
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
@@ -67,8 +67,8 @@ def build_surface(
     height, std = np.zeros((rows, cols), np.float32), np.full((rows, cols), np.nan, np.float32)
     used = _on_cells(_closed(relief), cell_px, (rows, cols))
     tiles = [part for tile in plan.tiles if (part := _part_in_use(tile, used, cell_px)) is not None]
-    memory = pictures.memory.stage("surface", plan, cell_px)
-    found = remembered(memory, _tile_heights, _Ground(plan, pictures, cell_px), tiles)
+    checkpoints = pictures.checkpoints.stage("surface", plan, cell_px)
+    found = with_checkpoints(checkpoints, _tile_heights, _Ground(plan, pictures, cell_px), tiles)
     for done, (tile, dense) in enumerate(zip(tiles, found, strict=True)):
         if report:
             report("surface", done + 1, len(tiles))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.mosaic.canvas import SquareGrid
-from frontend.mosaic.memory import remembered
+from frontend.mosaic.checkpoints import with_checkpoints
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import ground_heights, ground_maps
@@ -101,8 +101,10 @@ def measure_misregistration(
     shift, parallax = np.full((len(r), 2), np.nan), np.empty((len(r), 2))
     rows = np.column_stack([pair.T, r, c])
     runs = np.split(order, np.flatnonzero(np.diff(pair[0, order])) + 1) if len(order) else []
-    memory = pictures.memory.stage("misregistration", plan)
-    measured = remembered(memory, _measured, _Compared(plan, pictures), [rows[run] for run in runs])
+    checkpoints = pictures.checkpoints.stage("misregistration", plan)
+    measured = with_checkpoints(
+        checkpoints, _measured, _Compared(plan, pictures), [rows[run] for run in runs]
+    )
     done = 0
     for run, found in zip(runs, measured, strict=True):
         assert found is not None

@@ -157,11 +157,11 @@ def _flights(
         flight = _joined(flights, wanted)
         if mosaic.crs is not None:
             _refuse_place(mosaic.crs, flight)
-        with checkpoints_beside(folder, flight, wanted.settings, wanted.resume, screen.note) as kept:
+        with checkpoints_beside(folder, flight, wanted.settings, wanted.resume, screen.note) as checkpoints:
             if instruments is not None:
-                return _corrected(instruments, flights, flight, folder, mosaic, wanted, progress, kept)
-            estimate, tables = _mapped(flight, wanted, progress, kept)
-            return _written(folder, estimate, flight, mosaic, wanted, progress, tables, kept)
+                return _corrected(instruments, flights, flight, folder, mosaic, wanted, progress, checkpoints)
+            estimate, tables = _mapped(flight, wanted, progress, checkpoints)
+            return _written(folder, estimate, flight, mosaic, wanted, progress, tables, checkpoints)
 
 
 def _refuse_system(system: str, has_mosaic: bool) -> None:
@@ -216,17 +216,19 @@ def _written(
     wanted: _FlightOptions,
     progress: Progress,
     tables: tuple[FigureTable, ...],
-    kept: Checkpoints,
+    checkpoints: Checkpoints,
 ) -> Results:
     """Write all files of the map."""
     from slam.cli.results import write_results
     from slam.report.optimize_report import Accuracy
 
-    return write_results(folder, estimate, flight, mosaic, progress, Accuracy(tables), wanted.mcap, kept)
+    return write_results(
+        folder, estimate, flight, mosaic, progress, Accuracy(tables), wanted.mcap, checkpoints
+    )
 
 
 def _mapped(
-    flight: Flight, wanted: _FlightOptions, progress: Progress, kept: Checkpoints
+    flight: Flight, wanted: _FlightOptions, progress: Progress, checkpoints: Checkpoints
 ) -> tuple[Estimate, tuple[FigureTable, ...]]:
     """Return the map, and the table that ``--incremental`` asks for."""
     from slam.core.heap import trim_heap
@@ -234,7 +236,9 @@ def _mapped(
     from slam.mapping.pipeline import optimize_with_observations
     from slam.report.tables.evaluation import keyframe_by_keyframe_table
 
-    estimate, observations = optimize_with_observations(flight, wanted.settings, progress, checkpoints=kept)
+    estimate, observations = optimize_with_observations(
+        flight, wanted.settings, progress, checkpoints=checkpoints
+    )
     tables: tuple[FigureTable, ...] = ()
     if wanted.incremental:
         compared = keyframe_by_keyframe(flight, observations, wanted.settings, progress)
@@ -252,7 +256,7 @@ def _corrected(
     mosaic: MosaicOptions,
     wanted: _FlightOptions,
     progress: Progress,
-    kept: Checkpoints,
+    checkpoints: Checkpoints,
 ) -> Results:
     """Map corrected readings; with truth, compare the map with that of the readings as ``recorded``."""
     from slam.cli.output_folder import MODEL_NAME
@@ -264,10 +268,10 @@ def _corrected(
     save_model(model, folder / MODEL_NAME)
     results = [correct_flight(flight, model) for flight in flights]
     flight = _joined([each.flight.with_warning(each.summary(model)) for each in results], wanted)
-    estimate, tables = _mapped(flight, wanted, progress, kept)
+    estimate, tables = _mapped(flight, wanted, progress, checkpoints)
     if any(each.corrected_terms for each in results) and can_be_compared(recorded):
         tables = (map_gain_table([map_gain(recorded, flight, estimate, wanted.settings, progress)]), *tables)
-    return _written(folder, estimate, flight, mosaic, wanted, progress, tables, kept)
+    return _written(folder, estimate, flight, mosaic, wanted, progress, tables, checkpoints)
 
 
 def _graph(source: Path, out: Path, screen: Screen) -> Results:

@@ -17,7 +17,7 @@ from slam.cli.supervisor import LESS_MEMORY
 from slam.core.errors import InputError, explain, one_line
 from slam.core.version import VERSION
 from slam.experiments.registry import NAMES as EXPERIMENTS
-from slam.io.atomic import atomic_folder, is_working_folder, kept_path, was_killed
+from slam.io.atomic import atomic_folder, checkpoint_path, is_working_folder, was_killed
 from slam.io.files import OUTPUT_MARKER, read_bytes
 
 MARKER_NAME = OUTPUT_MARKER
@@ -171,7 +171,7 @@ def output_folder(target: str | Path, inputs: Sequence[Path] = ()) -> Iterator[P
             yield built
             _write_marker(built)
     except BaseException:
-        if built is not None and kept_path(built).exists():
+        if built is not None and checkpoint_path(built).exists():
             print(f"slam: {one_line(str(target))}: {_IS_KEPT}", file=sys.stderr)
         raise
 

@@ -1,4 +1,18 @@
-"""Results of expensive work that a later run can use, if this one is killed."""
+"""Checkpoints: results of expensive work with which a later run goes on, if this one is killed.
+
+A result is found by its kind of work and by a key, a digest of all that it depends on. One that is found is
+therefore that of the work itself, to the bit, and nothing has to say when a result is void. Stages `recall`
+a result before they do the work, and `keep` it after.
+
+- `slam.core.packing` makes bytes and digests of values.
+- `slam.io.checkpoint_file` is the file of a run. `slam.cli.checkpoints` opens it, and says what all results
+  depend on.
+- `slam.mapping.checkpoints` (pictures, tracking, pairs, refinement) and `slam.report.rasters.checkpoints`
+  (mosaics) know what each kind of work depends on.
+- Work of `frontend` and `backend` states beside itself what it needs of its checkpoints:
+  `frontend.photographs`, `frontend.mosaic.checkpoints`, `backend.bundle.checkpoints`. The state with which
+  tracking goes on is `frontend.tracking_state`.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +28,7 @@ refinement, and a job on the pictures of a mosaic."""
 
 
 class Checkpoints(Protocol):
-    """Results by the kind of work, and by a key that is a digest of all that a result depends on."""
+    """Results by their kind of work and key."""
 
     @property
     def are_kept(self) -> bool:

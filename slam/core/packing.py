@@ -1,4 +1,4 @@
-"""Values as bytes and back, and digests: of dataclasses, arrays, numbers, texts and containers of them.
+"""Values as bytes and back, and digests of these: dataclasses, arrays, numbers, texts and containers.
 
 Only data is stored, and nothing of a file is run: a class is built only if the reader names it.
 """
@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from hashlib import blake2b
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
 
 DIGEST_BYTES = 16
 """Size of a digest: that two of 2^32 values share one has the probability 1e-20."""
@@ -28,9 +31,7 @@ class UnpackError(Exception):
 
 def pack(value: object) -> bytes:
     """Return a value as bytes. Raises ``TypeError`` for a type that is not plain data."""
-    arrays: list[bytes] = []
-    tree = json.dumps(_node(value, arrays), separators=(",", ":")).encode()
-    return b"".join([_LENGTH.pack(len(tree)), tree, *arrays])
+    return b"".join(_parts(value))
 
 
 def unpack(packed: bytes, classes: Iterable[type] = ()) -> Any:
@@ -47,16 +48,24 @@ def unpack(packed: bytes, classes: Iterable[type] = ()) -> Any:
 
 
 def digest_of(value: object) -> bytes:
-    """Return a digest of a value: values of equal types and bits have equal ones.
-
-    Raises ``TypeError`` for a type that is not data, such as a function.
-    """
+    """Return a digest of the bytes that `pack` gives. Raises ``TypeError`` as it does."""
     found = blake2b(digest_size=DIGEST_BYTES)
-    _feed(found, value)
+    for part in _parts(value):
+        found.update(part)
     return found.digest()
 
 
-def _node(value: Any, arrays: list[bytes]) -> Any:
+def _parts(value: object) -> Iterator[bytes]:
+    """Yield the length of the tree, the tree, and each array."""
+    arrays: list[Array] = []
+    tree = json.dumps(_node(value, arrays), separators=(",", ":")).encode()
+    yield _LENGTH.pack(len(tree))
+    yield tree
+    for array in arrays:
+        yield array.tobytes("A")
+
+
+def _node(value: Any, arrays: list[Array]) -> Any:
     kind = type(value)
     if value is None or kind in (bool, int, float, str):
         return value
@@ -70,18 +79,19 @@ def _node(value: Any, arrays: list[bytes]) -> Any:
         return {"bytes": value.hex()}
     if isinstance(value, Enum):
         return {"enum": [kind.__name__, value.name]}
-    if is_dataclass(kind):
-        held = {each.name: _node(getattr(value, each.name), arrays) for each in fields(value)}
-        return {"class": [kind.__name__, held]}
+    # Those of a dataclass, or of a NamedTuple.
+    names = [each.name for each in fields(value)] if is_dataclass(kind) else getattr(kind, "_fields", None)
+    if names is not None:
+        return {"class": [kind.__name__, {name: _node(getattr(value, name), arrays) for name in names}]}
     raise TypeError(f"{kind.__name__} is no plain data")
 
 
-def _array_node(array: np.ndarray[Any, Any], is_scalar: bool, arrays: list[bytes]) -> Any:
+def _array_node(array: Array, is_scalar: bool, arrays: list[Array]) -> Any:
     if array.dtype.kind not in _NUMBERS:
         raise TypeError(f"an array of {array.dtype} is no plain data")
     # The layout in memory decides in which order a library adds up.
-    order: Literal["C", "F"] = "F" if array.flags.f_contiguous and not array.flags.c_contiguous else "C"
-    arrays.append(array.tobytes(order))
+    order = "F" if array.flags.f_contiguous and not array.flags.c_contiguous else "C"
+    arrays.append(array)
     return {"scalar" if is_scalar else "array": [array.dtype.str, list(array.shape), order]}
 
 
@@ -112,7 +122,7 @@ class _Reader:
             raise ValueError(f"{kind} is unknown")
         return self._classes[name](**{field: self.value(each) for field, each in content.items()})
 
-    def _array(self, kind: str, shape: list[int], order: str) -> np.ndarray[Any, Any]:
+    def _array(self, kind: str, shape: list[int], order: str) -> Array:
         dtype = np.dtype(kind)
         if dtype.kind not in _NUMBERS:
             raise ValueError(f"an array of {dtype}")
@@ -120,33 +130,3 @@ class _Reader:
         flat = np.frombuffer(self._packed, dtype, count, self._at) if count else np.empty(0, dtype)
         self._at += count * dtype.itemsize
         return flat.reshape(shape, order="F" if order == "F" else "C").copy(order="K")
-
-
-def _feed(found: Any, value: Any) -> None:
-    """Add a value to a digest, each part with its type and length so that parts cannot be confused."""
-    kind = type(value)
-    found.update(f"<{kind.__name__}>".encode())
-    if isinstance(value, Enum):
-        found.update(value.name.encode())
-    elif value is None or isinstance(value, bool | int | float):
-        found.update(repr(value).encode())
-    elif isinstance(value, str | bytes):
-        raw = value.encode("utf-8", "surrogatepass") if isinstance(value, str) else value
-        found.update(_LENGTH.pack(len(raw)) + raw)
-    elif isinstance(value, np.ndarray | np.generic):
-        array = np.asarray(value)
-        if array.dtype.kind not in _NUMBERS:
-            raise TypeError(f"an array of {array.dtype} has no digest")
-        found.update(f"{array.dtype.str}{array.shape}".encode())
-        found.update(array.tobytes())
-    elif isinstance(value, tuple | list | Mapping):
-        parts = value.items() if isinstance(value, Mapping) else value
-        found.update(_LENGTH.pack(len(value)))
-        for each in parts:
-            _feed(found, each)
-    elif is_dataclass(kind):
-        for each in fields(value):
-            found.update(each.name.encode())
-            _feed(found, getattr(value, each.name))
-    else:
-        raise TypeError(f"{kind.__name__} has no digest")

@@ -28,7 +28,7 @@ _OLD = "old"
 """Subfolder of the working folder: the earlier folder, moved aside and not yet checked again."""
 _REPLACED = "replaced"
 """Subfolder of the working folder: the earlier folder, checked; it goes when its successor is in place."""
-_KEPT = "checkpoint"
+_CHECKPOINT = "checkpoint"
 """File of the working folder: results with which the next run goes on, if this one is ended from outside."""
 _FLUSHED_AT_ONCE = 8
 """Files that are flushed at the same time."""
@@ -50,21 +50,21 @@ def is_working_folder(folder: Path) -> bool:
             _NEW,
             _OLD,
             _REPLACED,
-            _KEPT,
+            _CHECKPOINT,
         }
     except OSError:
         return False
 
 
-def kept_path(new: Path) -> Path:
+def checkpoint_path(new: Path) -> Path:
     """Return the file beside a folder that `atomic_folder` gives, which stays until a run has finished."""
-    return new.parent / _KEPT
+    return new.parent / _CHECKPOINT
 
 
 def was_killed(target: Path) -> bool:
     """Return whether a run that wrote ``target`` was killed, or still runs."""
     work = partial_path(target)
-    return is_working_folder(work) and {*os.listdir(work)} != {_MARKER, _KEPT}
+    return is_working_folder(work) and {*os.listdir(work)} != {_MARKER, _CHECKPOINT}
 
 
 def write_whole(path: Path | str, content: bytes) -> None:
@@ -107,8 +107,8 @@ def atomic_folder(path: Path | str, may_replace: Callable[[Path], None] | None =
     the old folder was moved aside; until then the old folder stays as it is. Raises ``InputError`` where the
     target is refused, cannot be written, or another run is writing there.
 
-    The file at `kept_path`, which the caller may write, stays where the block ends by another exception, or
-    by a full disk. A refused input removes it, since the next run would end like this one.
+    The file at `checkpoint_path`, which the caller may write, stays where the block ends by another
+    exception, or by a full disk. A refused input removes it, since the next run would end like this one.
     """
     target = Path(path)
     with _working_folder(target) as work:
@@ -119,7 +119,7 @@ def atomic_folder(path: Path | str, may_replace: Callable[[Path], None] | None =
                 yield new
             except InputError as error:
                 if not _is_of_full_disk(error):
-                    _drop_kept(work)
+                    _drop_checkpoint(work)
                 raise
         with _as_input_error(target):
             _sync_tree(new)
@@ -129,7 +129,7 @@ def atomic_folder(path: Path | str, may_replace: Callable[[Path], None] | None =
                 os.rename(old, work / _REPLACED)
             os.rename(new, target)
             _sync(target.parent)
-            _drop_kept(work)
+            _drop_checkpoint(work)
 
 
 @contextmanager
@@ -258,9 +258,9 @@ def _is_of_full_disk(error: InputError) -> bool:
     return isinstance(cause, OSError) and cause.errno in DISK_FULL
 
 
-def _drop_kept(work: Path) -> None:
+def _drop_checkpoint(work: Path) -> None:
     with suppress(OSError):
-        (work / _KEPT).unlink()
+        (work / _CHECKPOINT).unlink()
 
 
 def _sync(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A file of results that a later run can use. Each is appended with a digest of its bytes.
+"""The file of checkpoints. Each result is appended with a digest of its bytes.
 
 A kill in the middle leaves all results before it, and a damaged result is not used. Results are data
 (`slam.core.packing`), and nothing of the file is run.
@@ -10,30 +10,29 @@ import json
 import os
 import struct
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
 from types import TracebackType
-from zlib import crc32
 
 from slam.core.checkpoints import Work
 from slam.core.errors import explain
+from slam.core.packing import DIGEST_BYTES
 
-_FORMAT = b"slam checkpoints 1\n"
-_HEAD = struct.Struct("<8sQ16s16s")
-"""Work, length, key and digest of a result; a checksum of these follows."""
-_CHECK = struct.Struct("<I")
+_FORMAT = b"slam checkpoints 2\n"
+_HEAD = struct.Struct(f"<8sQ{DIGEST_BYTES}s{DIGEST_BYTES}s")
+"""Work, length, key and digest of a result. Damage here hides results: no others have these digests."""
 _RUN = "run"
 """Kind of the first record: what all results of the file depend on."""
+_RUN_KEY = bytes(DIGEST_BYTES)
 _FLUSHED_EVERY_S = 60.0
 """A kill loses nothing that was written; a failure of power loses what was written since the last flush."""
 _MOST_RUN_BYTES = 1 << 16
 
 
 class CheckpointFile:
-    """Results in a file that belongs to one run at a time."""
+    """Checkpoints (`slam.core.checkpoints.Checkpoints`) in a file that belongs to one run at a time."""
 
     def __init__(
         self,
@@ -69,18 +68,13 @@ class CheckpointFile:
         if self._file is not None:
             os.close(self._file)
             self._file = None
-            if self.held.total() <= 1:  # nothing but what the results would have depended on
+            if len(self._at) <= 1:  # nothing but what the results would have depended on
                 self._path.unlink(missing_ok=True)
 
     @property
     def are_kept(self) -> bool:
         """Whether results are kept: until the disk is full."""
         return self._file is not None
-
-    @property
-    def held(self) -> Counter[str]:
-        """Number of results by the kind of work."""
-        return Counter(work for work, _ in self._at)
 
     def recall(self, work: Work, key: bytes) -> bytes | None:
         """Return a result of this or an earlier run; None where it is not known."""
@@ -110,18 +104,18 @@ class CheckpointFile:
             self._give_up(error)
 
     def say(self, line: str) -> None:
-        """Tell the user what was resumed."""
+        """Print a line."""
         self._say(line)
 
     def _append(self, work: str, key: bytes, result: bytes) -> None:
         assert self._file is not None
         digest = _digest(result)
         head = _HEAD.pack(work.encode(), len(result), key, digest)
-        raw = memoryview(head + _CHECK.pack(crc32(head)) + result)
+        raw = memoryview(head + result)
         written = 0
         while written < len(raw):  # the system may write only a part
             written += os.pwrite(self._file, raw[written:], self._end + written)
-        self._at[work, key] = self._end + _HEAD.size + _CHECK.size, len(result), digest
+        self._at[work, key] = self._end + _HEAD.size, len(result), digest
         self._end += len(raw)
 
     def _begin(self, run: dict[str, str]) -> None:
@@ -130,7 +124,7 @@ class CheckpointFile:
         os.ftruncate(self._file, 0)
         os.pwrite(self._file, _FORMAT, 0)
         self._end = len(_FORMAT)
-        self._append(_RUN, bytes(16), json.dumps(run).encode())
+        self._append(_RUN, _RUN_KEY, json.dumps(run).encode())
 
     def _read(self, run: dict[str, str]) -> None:
         """Find the results of an earlier run, if they were made of the same."""
@@ -157,21 +151,21 @@ class CheckpointFile:
     def _scan(self, size: int) -> int:
         """Find the records, and return where the last whole one ends."""
         assert self._file is not None
-        at, step = len(_FORMAT), _HEAD.size + _CHECK.size
-        while at + step <= size:
-            raw = os.pread(self._file, step, at)
-            work, length, key, digest = _HEAD.unpack_from(raw)
-            is_whole = _CHECK.unpack_from(raw, _HEAD.size)[0] == crc32(raw[: _HEAD.size])
-            if not is_whole or length > size - at - step:
+        at = len(_FORMAT)
+        while at + _HEAD.size <= size:
+            raw = os.pread(self._file, _HEAD.size, at)
+            work, length, key, digest = _HEAD.unpack(raw)
+            begin = at + _HEAD.size
+            if length > size - begin:
                 break
-            self._at[work.rstrip(b"\0").decode("ascii", "replace"), key] = at + step, length, digest
-            at += step + length
+            self._at[work.rstrip(b"\0").decode("ascii", "replace"), key] = begin, length, digest
+            at = begin + length
         return at
 
     def _run_before(self) -> dict[str, str] | None:
         """Return what the results in the file depend on; None where that is damaged."""
         assert self._file is not None
-        begin, length, digest = self._at.get((_RUN, bytes(16)), (0, 0, b""))
+        begin, length, digest = self._at.get((_RUN, _RUN_KEY), (0, 0, b""))
         raw = os.pread(self._file, min(length, _MOST_RUN_BYTES), begin)
         if _digest(raw) != digest:
             return None
@@ -196,4 +190,4 @@ class CheckpointFile:
 
 
 def _digest(raw: bytes) -> bytes:
-    return blake2b(raw, digest_size=16).digest()
+    return blake2b(raw, digest_size=DIGEST_BYTES).digest()

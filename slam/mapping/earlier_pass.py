@@ -5,7 +5,8 @@ It is found by what it was made of, so the result is the same to the bit as with
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from frontend.features import Features
 from frontend.motions import Expectation
@@ -30,6 +31,11 @@ class EarlierPass:
         if self.store is None or frame not in self.keyframe_of:
             return None
         return self.store[self.keyframe_of[frame]]
+
+    def compared(self, made_of: Mapping[tuple[int, int], Key]) -> dict[tuple[int, int], Registration]:
+        """Return the known registrations of pairs (i, j) of keyframes."""
+        each = {pair: self.registrations.get(key) for pair, key in made_of.items()}
+        return {(i, j): replace(found, i=i, j=j) for (i, j), found in each.items() if found is not None}
 
 
 def comparison_key(store: FeatureStore, i: int, j: int, expected: Expectation | None) -> Key:

@@ -25,16 +25,16 @@ from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.progress import Progress
+from slam.mapping.checkpoints.photographs import PhotographCheckpoints
+from slam.mapping.checkpoints.registrations import RegistrationCheckpoints
+from slam.mapping.checkpoints.tracking import TrackingCheckpoints
 from slam.mapping.config import PipelineConfig
 from slam.mapping.contradicted_step import ContradictedStep
-from slam.mapping.earlier_pass import EarlierPass, Key, comparison_key
+from slam.mapping.earlier_pass import EarlierPass, comparison_key
 from slam.mapping.floor_views import FloorViews
 from slam.mapping.floor_visibility import horizon_masks, joined
 from slam.mapping.obstacles import no_masks
 from slam.mapping.read_ahead import read_ahead
-from slam.mapping.resume.photographs import KeptPhotographs
-from slam.mapping.resume.registrations import KeptRegistrations
-from slam.mapping.resume.tracking import KeptTracking
 from slam.mapping.search_radius import SearchRadius
 from slam.mapping.tracked_pictures import TrackedPictures
 
@@ -141,7 +141,8 @@ class FrontEnd:
         self.homography = config.homography.for_width(width)
         self.extractor = extractor_of(config, camera)
         self.checkpoints = checkpoints
-        self.kept = KeptRegistrations(checkpoints, camera, self.homography, config.gates)
+        self.compared = RegistrationCheckpoints(checkpoints, camera, self.homography, config.gates)
+        """Comparisons of an earlier run."""
 
     def tracker(self, look_ahead: bool = True, is_urged: IsUrged = lambda features: False) -> Tracker:
         """Return the tracker of one pass over the frames; ``look_ahead`` and ``is_urged`` as there."""
@@ -158,28 +159,27 @@ class FrontEnd:
             self._search(tracked)
             return self.observations(tracked)
         is_first = not self.is_masked and self.earlier.store is None
-        checkpoints = self.checkpoints if is_first else NO_CHECKPOINTS
-        kept = KeptTracking(checkpoints, self.flight, (self.camera, self.config))
-        tracked, start = kept.resume(lambda: TrackedPictures(self.tracker()))
+        used = self.checkpoints if is_first else NO_CHECKPOINTS
+        checkpoints = TrackingCheckpoints(used, self.flight, (self.camera, self.config))
+        tracked, start = checkpoints.resume(lambda: TrackedPictures(self.tracker()))
         if start is not None:  # not all is tracked
             images = read_ahead(self.flight, self.progress, start.frame)
-            for keyframe in tracked.tracker.keyframes(images, start, partial(kept.offer, tracked)):
+            for keyframe in tracked.tracker.keyframes(images, start, partial(checkpoints.offer, tracked)):
                 tracked.add(keyframe)
-            kept.end(tracked)
+            checkpoints.end(tracked)
         return self.observations(tracked)
 
     def _search(self, tracked: TrackedPictures) -> None:
         """Add every photograph as a keyframe."""
         frames = self.flight.frames
         assert frames is not None
-        kept = KeptPhotographs(self.checkpoints, frames, self.camera, self.extractor.config, self.kept)
-        for keyframe in tracked.tracker.every(frames.load, len(frames), kept):
+        config = self.extractor.config
+        checkpoints = PhotographCheckpoints(self.checkpoints, frames, self.camera, config, self.compared)
+        for keyframe in tracked.tracker.every(frames.load, len(frames), checkpoints):
             self.progress("track", keyframe.frame + 1, len(frames))
             tracked.add(keyframe)
         self.progress("track", len(frames), len(frames))
-        if kept.recalled:
-            self.kept.recalled = 0  # links of successive photographs
-            self.checkpoints.say(f"resumed: {kept.recalled} of {len(frames)} photographs are searched")
+        checkpoints.tell()
 
     def observations(self, tracked: TrackedPictures) -> Observations:
         """Return what tracking found."""
@@ -305,10 +305,10 @@ class FrontEnd:
         known = {(r.i, r.j) for r in (*observations.registrations, *observations.refused)}
         pairs = [pair for pair in dict.fromkeys(pairs) if pair not in known]
         held, refused = list(observations.registrations), list(observations.refused)
-        keys = [comparison_key(observations.store, i, j, expected(i, j)) for i, j in pairs]
-        found = {pair: self._known(*pair, key) for pair, key in zip(pairs, keys, strict=True)}
-        self.kept.tell(len(pairs))
-        new = {pair: key for pair, key in zip(pairs, keys, strict=True) if found[pair] is None}
+        keys = {(i, j): comparison_key(observations.store, i, j, expected(i, j)) for i, j in pairs}
+        found = self.earlier.compared(keys)
+        found |= self.compared.recall({p: key for p, key in keys.items() if p not in found}, len(pairs))
+        new = {pair: key for pair, key in keys.items() if pair not in found}
         verdicts = verify(
             list(new),
             observations.store,
@@ -320,18 +320,11 @@ class FrontEnd:
         )
         for r in verdicts:
             found[r.i, r.j] = r
-            self.kept.keep(r, new[r.i, r.j])
-        for pair, key in zip(pairs, keys, strict=True):
-            registration = found[pair]
-            assert registration is not None
-            self.work.registrations[key] = registration
-            (held if registration.ok else refused).append(registration)
+            self.compared.keep(r, new[r.i, r.j])
+        for pair, key in keys.items():
+            self.work.registrations[key] = found[pair]
+            (held if found[pair].ok else refused).append(found[pair])
         return replace(observations, registrations=tuple(held), refused=tuple(refused))
-
-    def _known(self, i: int, j: int, key: Key) -> Registration | None:
-        """Return a registration of an earlier pass or of an earlier run."""
-        earlier = self.earlier.registrations.get(key)
-        return self.kept.recall(i, j, key) if earlier is None else replace(earlier, i=i, j=j)
 
 
 def _with_reasons(rejected: Counter[str], failures: Mapping[int, str]) -> Counter[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from threadpoolctl import threadpool_limits
 
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
-from backend.bundle.known_minima import share_minima
+from backend.bundle.checkpoints import use_checkpoints
 from frontend.camera import Camera
 from slam.core.arguments import check_flight
 from slam.core.checkpoints import Checkpoints
@@ -24,13 +24,13 @@ from slam.core.stage_timer import Stopwatch
 from slam.core.turn_units import in_radians
 from slam.mapping.build_estimate import build_estimate, shared_errors
 from slam.mapping.calibration.refuted import HELD, Freed, OddFocal, focal_held
+from slam.mapping.checkpoints.refinement import RefinementCheckpoints
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
 from slam.mapping.floor_visibility import without_horizon_frames
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.obstacles import Obstacles, cleared_echoes, echoes_in_map, find_obstacles, no_masks
-from slam.mapping.resume.minima import KeptMinima
 from slam.mapping.stages import (
     close_loops,
     freed_calibrations,
@@ -67,7 +67,7 @@ def map_flight(
     flight = without_horizon_frames(without_clock_steps(in_radians(without_held_readings(flight))), camera)
     job = Job(camera, config, progress, Stopwatch(), checkpoints)
     # Threads of BLAS and of OpenCV would compete for the same cores.
-    with threadpool_limits(1, "blas"), share_minima(KeptMinima(checkpoints)):
+    with threadpool_limits(1, "blas"), use_checkpoints(RefinementCheckpoints(checkpoints)):
         finished = _with_refuted_freed(_finished(job, flight, tracked), flight)
         finished = _without_odd_focal(finished, flight)
         context, refined = finished.context, finished.refined

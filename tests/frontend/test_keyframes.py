@@ -14,6 +14,7 @@ from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.keyframes import KeyframeConfig, Tracker
 from frontend.tracked import Keyframe
+from frontend.tracking_state import TrackingState
 from frontend.views import View
 from frontend.workers import Workers, share_with
 from tests.frontend.floor_pairs import texture
@@ -255,3 +256,17 @@ def test_pictures_that_wait_for_a_keyframes_features_are_followed_from_the_one_b
         i, j = flight.w_T_b[frames[passed.keyframe]], flight.w_T_b[passed.frame]
         H = np.linalg.inv(flight.camera.floor_H_image(i)) @ flight.camera.floor_H_image(j)
         assert np.abs(transfer(passed.i_H_j, corners) - transfer(H, corners)).max() < 2.0
+
+
+def test_tracking_goes_on_from_a_state_between_pictures_that_fail(flight: SmallFlight) -> None:
+    images = [*flight.images[:6], *flight.images[40:46]]  # another place: each picture there fails at first
+    states: list[TrackingState] = []
+    follow = tracker(flight, KeyframeConfig(patience=3))
+    whole = list(follow.keyframes(images, on_state=lambda state: states.append(state())))
+    (state,) = (each for each in states if each.failures == 2)
+    again = tracker(flight, KeyframeConfig(patience=3))
+    start = again.resumed(state, images.__getitem__)
+    found = list(again.keyframes(images[state.frame :], start))
+    assert [k.frame for k in found] == [k.frame for k in whole if k.frame >= state.frame]
+    assert [k.link is None for k in found] == [k.link is None for k in whole if k.frame >= state.frame]
+    assert found[0].link is None

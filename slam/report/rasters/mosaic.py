@@ -31,7 +31,7 @@ from slam.core.progress import Progress, silent
 from slam.core.streams import Image
 from slam.core.units import percent, unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
-from slam.report.rasters.kept_jobs import KeptJobs
+from slam.report.rasters.checkpoints import JobCheckpoints
 from slam.report.rasters.level_ground import is_level, levelled
 from slam.report.rasters.look_elsewhere import looking_elsewhere
 from slam.report.rasters.quality import write_quality
@@ -228,7 +228,7 @@ def _planned(
     def load(k: int) -> Image | None:
         return frames[int(estimate.frame_index[k])].read()
 
-    memory = KeptJobs(checkpoints, frames, estimate.frame_index)
+    jobs = JobCheckpoints(checkpoints, frames, estimate.frame_index)
 
     def planned(leave_out: dict[int, str]) -> MosaicPlan:
         return plan_mosaic(
@@ -237,7 +237,7 @@ def _planned(
 
     plan = planned(leave_out)
     while True:
-        pictures = Pictures(plan, load, CACHE_MB, memory=memory)
+        pictures = Pictures(plan, load, CACHE_MB, checkpoints=jobs)
         exposure = measure_exposure(plan, pictures, progress)
         if not pictures.unusable:
             return _Planned(plan, pictures, load, exposure, estimate.origin, estimate.metric, progress)
@@ -284,7 +284,7 @@ def _planned_over(
         unit(estimate.metric), replace(surface, height_m=surface.height_m - np.float32(lowest_m)), bounds_m,
     )  # fmt: skip
     over = replace(over, note=plan.note, beyond=plan.beyond)
-    pictures = Pictures(over, made.load, CACHE_MB, memory=made.pictures.memory)
+    pictures = Pictures(over, made.load, CACHE_MB, checkpoints=made.pictures.checkpoints)
     exposure = measure_exposure(over, pictures, made.progress)
     over_surface = measure_misregistration(over, pictures, made.progress)
     ground = replace(

@@ -154,7 +154,7 @@ def measure_ground(
     if not relief.any():
         return MeasuredGround(over_floor, None, disagreement=disagreement(over_floor, plan))
     all_views = replace(plan, views=plan.all_views(w_T_b))
-    matched = Pictures(all_views, load, pictures.max_mb, memory=pictures.memory)
+    matched = Pictures(all_views, load, pictures.max_mb, checkpoints=pictures.checkpoints)
     # Where the mosaic needs one picture alone, others may show the ground as well: none was compared there.
     seen = seen_by_two(all_views)
     relief |= seen & ~over_floor.compared

@@ -21,7 +21,7 @@ PROGRAM = """
 import os, signal, sys
 from slam.cli import app
 from slam.io.checkpoint_file import CheckpointFile
-from slam.mapping.resume import tracking
+from slam.mapping.checkpoints import tracking
 tracking.EVERY_S = 0.1
 left, keep = int(sys.argv.pop(1)), CheckpointFile.keep
 def kept(file, *result):

@@ -50,7 +50,9 @@ def test_a_kill_at_any_byte_leaves_the_results_before(path):
         found = recalled(path)
         count = sum(each is not None for each in found)
         assert found == results[:count] + [None] * (3 - count), size
+    path.write_bytes(whole + whole[len(whole) // 2 :])
     with CheckpointFile(path, RUN) as file:
+        assert path.stat().st_size == len(whole), "a record that is cut off is removed"
         file.keep("pair", KEYS[2], b"again")
     assert recalled(path) == [*results[:2], b"again"]
 

@@ -1,8 +1,8 @@
-"""Registrations of pairs that an earlier run compared."""
+"""Checkpoints of registrations: the comparisons of pairs of pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from backend.measurements import LinkCheck, Rejection
@@ -17,7 +17,7 @@ PARTS = (Rejection, LinkCheck)
 """Classes that a registration may hold."""
 
 
-class KeptRegistrations:
+class RegistrationCheckpoints:
     """Registrations by digests of what they were made of."""
 
     def __init__(
@@ -25,21 +25,19 @@ class KeptRegistrations:
     ) -> None:
         self._checkpoints = checkpoints
         self._settings = digest_of((camera, homography, gates)) if checkpoints.are_kept else b""
-        self.recalled = 0
-        """Registrations that were recalled since the user was told."""
 
-    def recall(self, i: int, j: int, made_of: object) -> Registration | None:
-        """Return the registration of keyframe j to i; None where it is not known.
+    def recall(
+        self, made_of: Mapping[tuple[int, int], object], total: int
+    ) -> dict[tuple[int, int], Registration]:
+        """Return the known registrations of pairs (i, j), and say how many of a ``total`` of pairs they are.
 
         ``made_of``: features of both keyframes, and the place that is expected, or digests of these.
         """
-        if not self._checkpoints.are_kept:
-            return None
-        found = recall_as(Registration, self._checkpoints, "pair", self._key(made_of), PARTS)
-        if found is None:
-            return None
-        self.recalled += 1
-        return replace(found, i=i, j=j)
+        each = {(i, j): self._recall(i, j, made) for (i, j), made in made_of.items()}
+        found = {pair: registration for pair, registration in each.items() if registration is not None}
+        if found:
+            self._checkpoints.say(f"resumed: {len(found)} of {total} pairs of pictures are compared")
+        return found
 
     def keep(self, registration: Registration, made_of: object) -> None:
         """Keep a registration; ``made_of`` as in `recall`."""
@@ -48,17 +46,17 @@ class KeptRegistrations:
 
     def by(self, i: int, j: int, made_of: object, work: Callable[[], Registration]) -> Registration:
         """Return the registration of keyframe j to i, by ``work`` where it is not known."""
-        found = self.recall(i, j, made_of)
+        found = self._recall(i, j, made_of)
         if found is None:
             found = work()
             self.keep(found, made_of)
         return found
 
-    def tell(self, total: int) -> None:
-        """Say how many of so many registrations were recalled since the last time."""
-        if self.recalled:
-            self._checkpoints.say(f"resumed: {self.recalled} of {total} pairs of pictures are compared")
-        self.recalled = 0
+    def _recall(self, i: int, j: int, made_of: object) -> Registration | None:
+        if not self._checkpoints.are_kept:
+            return None
+        found = recall_as(Registration, self._checkpoints, "pair", self._key(made_of), PARTS)
+        return None if found is None else replace(found, i=i, j=j)
 
     def _key(self, made_of: object) -> bytes:
         return digest_of((self._settings, made_of))

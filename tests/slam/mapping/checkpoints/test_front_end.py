@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from slam.core.streams import Frames, Image
 from slam.io.checkpoint_file import CheckpointFile
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations
+from slam.mapping.obstacles import Masks, no_masks
 from tests.slam.small_flight import flown, only, photographs
 
 CONFIG = PipelineConfig()
@@ -46,9 +47,12 @@ class Known:
 
     pictures: list[Image | None]
     read: list[int]
+    failures: dict[int, str] = field(default_factory=dict)
 
     def __call__(self, k: int) -> Image | None:
         self.read.append(k)
+        if self.pictures[k] is None:
+            self.failures[k] = "damaged"
         return self.pictures[k]
 
     def content_key(self, k: int) -> bytes:
@@ -71,17 +75,24 @@ def given(is_video: bool, change: Callable[[list[Image | None]], None] = lambda 
     flight, pictures = recorded(is_video)
     load = Known(list(pictures), [])
     change(load.pictures)
-    return replace(flight, frames=Frames(flight.frames.stamps_s, flight.frames.names, load))
+    return replace(flight, frames=Frames(flight.frames.stamps_s, flight.frames.names, load, load.failures))
 
 
 @pytest.fixture(autouse=True)
 def _often(monkeypatch):
-    monkeypatch.setattr("slam.mapping.resume.tracking.EVERY_S", 0.0)
+    monkeypatch.setattr("slam.mapping.checkpoints.tracking.EVERY_S", 0.0)
 
 
-def watched(flight: Flight, path: Path, after: int = -1, said: list[str] | None = None) -> Observations:
+def watched(
+    flight: Flight,
+    path: Path,
+    after: int = -1,
+    said: list[str] | None = None,
+    config: PipelineConfig = CONFIG,
+    masks: Masks = no_masks,
+) -> Observations:
     with Killing(path, after, said if said is not None else []) as checkpoints:
-        front_end = FrontEnd(flight, flight.camera, CONFIG, silent, checkpoints=checkpoints)
+        front_end = FrontEnd(flight, flight.camera, config, silent, masks=masks, checkpoints=checkpoints)
         return front_end.neighbours(front_end.track())
 
 
@@ -145,6 +156,45 @@ def test_a_picture_that_has_changed_is_looked_at_again(tmp_path, is_video):
         assert "pictures behind number" in said[0]
     else:
         assert set(flight.frames.load.read) == {2, 4}
+
+
+def test_pairs_are_known_by_other_numbers_of_their_keyframes(tmp_path):
+    def without_first(pictures: list[Image | None]) -> None:
+        pictures[0] = None
+
+    said: list[str] = []
+    watched(given(False), tmp_path / "checkpoint")
+    resumed = content(watched(given(False, without_first), tmp_path / "checkpoint", said=said))
+    assert any("pairs of pictures are compared" in line for line in said)
+    assert resumed == content(watched(given(False, without_first), tmp_path / "none"))
+
+
+FEWER = replace(CONFIG, features=replace(CONFIG.features, max_features=150))
+STRICTER = replace(CONFIG, gates=replace(CONFIG.gates, min_inliers=CONFIG.gates.min_inliers + 1))
+
+
+def half(frame: int) -> Image:
+    """A mask that lets the upper half of a picture be used."""
+    width, height = recorded(False)[0].camera.size_px
+    mask = np.zeros((height, width), np.uint8)
+    mask[: height // 2] = 255
+    return mask
+
+
+@pytest.mark.parametrize(
+    ("is_video", "config", "masks", "known"),
+    [
+        (True, STRICTER, no_masks, []),
+        (False, STRICTER, no_masks, ["photographs are searched"]),
+        (False, FEWER, no_masks, []),
+        (False, CONFIG, half, []),
+    ],
+)
+def test_only_results_of_the_same_settings_and_masks_are_known(tmp_path, is_video, config, masks, known):
+    path, said = tmp_path / "checkpoint", []
+    watched(given(is_video), path)
+    watched(given(is_video), path, said=said, config=config, masks=masks)
+    assert [" ".join(line.split()[-3:]) for line in said] == known
 
 
 def test_other_readings_track_a_video_anew(tmp_path):

@@ -1,4 +1,4 @@
-"""Minima of rounds of a refinement that an earlier run found, as plain data.
+"""Checkpoints of a refinement: the minima of its rounds, as plain data.
 
 A minimum is a function of its round's problem, noise and start, so one that is known is the same to the bit.
 """
@@ -76,7 +76,7 @@ class PlainMinimum:
     reason: str
 
 
-class Minima(Protocol):
+class MinimumCheckpoints(Protocol):
     """Minima by what they are made of, which is plain data."""
 
     def recall(self, made_of: object) -> PlainMinimum | None:
@@ -86,17 +86,17 @@ class Minima(Protocol):
         """Keep a minimum."""
 
 
-_minima: ContextVar[Minima | None] = ContextVar("minima", default=None)
+_in_use: ContextVar[MinimumCheckpoints | None] = ContextVar("minimum checkpoints", default=None)
 
 
 @contextmanager
-def share_minima(minima: Minima) -> Iterator[None]:
-    """Let the refinements of this thread use known minima until the block ends."""
-    before = _minima.set(minima)
+def use_checkpoints(checkpoints: MinimumCheckpoints) -> Iterator[None]:
+    """Let the refinements of this thread use checkpoints until the block ends."""
+    before = _in_use.set(checkpoints)
     try:
         yield
     finally:
-        _minima.reset(before)
+        _in_use.reset(before)
 
 
 def minimum_of(
@@ -111,12 +111,14 @@ def minimum_of(
 
     ``cost_of``: the inputs of `BundleCost.of`. ``limits``: those of ``work``.
     """
-    cost, minima = BundleCost.of(*cost_of), _minima.get()
-    at, unobserved = (PlainValues.of(values) if minima else None for values in (start.values, cost_of[3]))
-    if minima is None or at is None or unobserved is None:
+    cost, checkpoints = BundleCost.of(*cost_of), _in_use.get()
+    at, unobserved = (
+        PlainValues.of(values) if checkpoints else None for values in (start.values, cost_of[3])
+    )
+    if checkpoints is None or at is None or unobserved is None:
         return cost, work(cost, start, *limits, on_step)
     made_of = *cost_of[:3], unobserved, at, start.point, limits
-    known = minima.recall(made_of)
+    known = checkpoints.recall(made_of)
     values = known.values.put_into(start.values) if known is not None else None
     if known is not None and values is not None:
         found = BundleMinimum(
@@ -133,5 +135,5 @@ def minimum_of(
     plain = PlainValues.of(found.at.values)
     if plain is not None:
         outcome = found.error, found.initial_error, found.iterations, found.converged, found.reason
-        minima.keep(made_of, PlainMinimum(plain, found.at.point, *outcome))
+        checkpoints.keep(made_of, PlainMinimum(plain, found.at.point, *outcome))
     return cost, found

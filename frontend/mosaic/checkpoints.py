@@ -1,4 +1,7 @@
-"""Results of jobs on the pictures of a mosaic that an earlier run did: they cost no work."""
+"""Checkpoints of the jobs on the pictures of a mosaic: a job whose result is known costs no work.
+
+The stages of a mosaic state here what they need of them, and `slam.report.rasters.checkpoints` has it.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-class StageMemory(Protocol):
+class StageCheckpoints(Protocol):
     """Results of the jobs of one stage."""
 
     def recall(self, item: object) -> Any:
@@ -23,35 +26,33 @@ class StageMemory(Protocol):
         """Keep the result for an item."""
 
 
-class MosaicMemory(Protocol):
+class MosaicCheckpoints(Protocol):
     """Results of the jobs on pictures of a mosaic."""
 
-    def stage(self, name: str, plan: MosaicPlan, *others: object) -> StageMemory:
+    def stage(self, name: str, plan: MosaicPlan, *others: object) -> StageCheckpoints:
         """Return the results of jobs that depend on a plan, on its pictures, and on ``others``."""
 
 
-class NoMosaicMemory:
-    """Nothing is known."""
+class NoMosaicCheckpoints:
+    """Nothing is kept, in any stage."""
 
-    def stage(self, name: str, plan: MosaicPlan, *others: object) -> StageMemory:
-        """Return the same for all stages."""
-        return _NOTHING
+    def stage(self, name: str, plan: MosaicPlan, *others: object) -> StageCheckpoints:
+        """Return this for each stage."""
+        return self
 
-
-class _Nothing:
     def recall(self, item: object) -> Any:
+        """Know nothing."""
         return None
 
     def keep(self, item: object, result: object) -> None:
-        pass
+        """Forget the result."""
 
 
-_NOTHING = _Nothing()
-NO_MOSAIC_MEMORY = NoMosaicMemory()
+NO_MOSAIC_CHECKPOINTS = NoMosaicCheckpoints()
 
 
-def remembered(
-    memory: StageMemory,
+def with_checkpoints(
+    checkpoints: StageCheckpoints,
     job: Callable[[Shared, Item], Result],
     shared: Shared,
     items: Sequence[Item],
@@ -69,7 +70,7 @@ def remembered(
         for k, item in enumerate(items):
             known = reused(item)
             if known is None:
-                known = memory.recall(item)
+                known = checkpoints.recall(item)
             if known is not None:
                 yield Ready(known)
             else:
@@ -79,5 +80,5 @@ def remembered(
     done = (share or workers()).map(job, shared, wanted())
     for k, result in enumerate(done):
         if k in new and result is not None:
-            memory.keep(items[k], result)
+            checkpoints.keep(items[k], result)
         yield result

@@ -1,13 +1,13 @@
-"""Minima of a refinement's rounds that an earlier run found."""
+"""Checkpoints of a refinement: the minima of its rounds."""
 
 from __future__ import annotations
 
-from backend.bundle.known_minima import PlainMinimum, PlainValues
+from backend.bundle.checkpoints import PlainMinimum, PlainValues
 from slam.core.checkpoints import Checkpoints, recall_as
 from slam.core.packing import digest_of, pack
 
 
-class KeptMinima:
+class RefinementCheckpoints:
     """Minima by digests of what they are made of."""
 
     def __init__(self, checkpoints: Checkpoints) -> None:

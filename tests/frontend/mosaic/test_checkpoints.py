@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from frontend.mosaic.memory import NO_MOSAIC_MEMORY, remembered
+from frontend.mosaic.checkpoints import NO_MOSAIC_CHECKPOINTS, with_checkpoints
 
 
 class Dictionary:
@@ -24,14 +24,14 @@ def done(shared: list[int], item: int) -> int | None:
 
 
 def test_known_jobs_are_not_done_again():
-    memory, worked, earlier = Dictionary({2: "kept"}), [], {7: "reused"}
-    found = list(remembered(memory, done, worked, [1, 2, 3, 5, 7], None, earlier.get))
+    checkpoints, worked, earlier = Dictionary({2: "kept"}), [], {7: "reused"}
+    found = list(with_checkpoints(checkpoints, done, worked, [1, 2, 3, 5, 7], None, earlier.get))
     assert found == [1, "kept", 9, None, "reused"]
     assert sorted(worked) == [1, 3, 5]
-    assert memory.known == {1: 1, 2: "kept", 3: 9}
+    assert checkpoints.known == {1: 1, 2: "kept", 3: 9}
 
 
-def test_without_a_memory_all_jobs_are_done():
+def test_without_checkpoints_all_jobs_are_done():
     worked: list[int] = []
-    assert list(remembered(NO_MOSAIC_MEMORY.stage("any", None), done, worked, [1, 2])) == [1, 4]
+    assert list(with_checkpoints(NO_MOSAIC_CHECKPOINTS.stage("any", None), done, worked, [1, 2])) == [1, 4]
     assert sorted(worked) == [1, 2]

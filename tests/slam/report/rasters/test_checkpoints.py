@@ -14,7 +14,7 @@ from frontend.mosaic.render import measure_exposure, render_tiles
 from slam.core.packing import digest_of, pack
 from slam.core.streams import Frames
 from slam.io.checkpoint_file import CheckpointFile
-from slam.report.rasters.kept_jobs import KeptJobs
+from slam.report.rasters.checkpoints import JobCheckpoints
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, pose, smooth_floor
 
 POSES = np.array([pose(0.8 * k, 0.1 * k, 2.0) for k in range(2)])
@@ -49,7 +49,7 @@ def drawn(plan: MosaicPlan, load: Photographs, path: Path, said: list[str]) -> b
     frames = Frames(np.arange(2.0), ("a", "b"), load)
     load.read.clear()
     with CheckpointFile(path, {}, say=said.append) as file:
-        pictures = Pictures(plan, load, memory=KeptJobs(file, frames, np.arange(2)))
+        pictures = Pictures(plan, load, checkpoints=JobCheckpoints(file, frames, np.arange(2)))
         exposure = measure_exposure(plan, pictures)
         tiles = list(render_tiles(plan, pictures, exposure))
     return pack((exposure, [(tile.rgba, tile.fingerprint, tile.reused) for tile in tiles]))
@@ -71,3 +71,13 @@ def test_another_plan_or_another_picture_is_drawn_anew(plan, load, tmp_path):
     assert drawn(plan, load, tmp_path / "checkpoint", said) != first
     drawn(replace(plan, floor_z_m=FLOOR_Z_M - 0.1), load, tmp_path / "checkpoint", said)
     assert said == []
+
+
+def test_a_result_is_known_to_its_stage_with_the_same_inputs_alone(plan, load, tmp_path):
+    with CheckpointFile(tmp_path / "checkpoint", {}) as file:
+        jobs = JobCheckpoints(file, Frames(np.arange(2.0), ("a", "b"), load), np.arange(2))
+        jobs.stage("surface", plan, 4).keep(0, "found")
+        assert jobs.stage("surface", plan, 4).recall(0) == "found"
+        for other in (jobs.stage("tiles", plan, 4), jobs.stage("surface", plan, 5)):
+            assert other.recall(0) is None
+        assert jobs.stage("surface", plan, 4).recall(1) is None

@@ -1,4 +1,4 @@
-"""Photographs that an earlier run searched for features."""
+"""Checkpoints of photographs: what a search for features found, and the links of successive ones."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from slam.core.checkpoints import Checkpoints, recall_as
 from slam.core.packing import digest_of, pack
 from slam.core.picture_content import content_key
 from slam.core.streams import Frames, Image
-from slam.mapping.resume.registrations import KeptRegistrations
+from slam.mapping.checkpoints.registrations import RegistrationCheckpoints
 
 
-class KeptPhotographs:
+class PhotographCheckpoints:
     """Features of photographs by the content of their files, and links of successive ones."""
 
     def __init__(
@@ -25,13 +25,12 @@ class KeptPhotographs:
         frames: Frames,
         camera: Camera,
         config: FeatureConfig,
-        registrations: KeptRegistrations,
+        registrations: RegistrationCheckpoints,
     ) -> None:
         self._checkpoints, self._frames, self._registrations = checkpoints, frames, registrations
         self._settings = digest_of((camera, config)) if checkpoints.are_kept else b""
         self._keys: dict[int, bytes] = {}
-        self.recalled = 0
-        """Photographs that an earlier run searched."""
+        self._recalled = 0
 
     def recall(self, frame: int, mask: Image | None) -> SearchedPhotograph | None:
         """Return the result for a photograph with a mask; None where it is not known."""
@@ -41,7 +40,7 @@ class KeptPhotographs:
         self._keys[frame] = digest_of((self._settings, key, mask))
         parts = Features, Points
         found = recall_as(SearchedPhotograph, self._checkpoints, "picture", self._keys[frame], parts)
-        self.recalled += found is not None
+        self._recalled += found is not None
         return found
 
     def keep(self, frame: int, found: SearchedPhotograph) -> None:
@@ -58,3 +57,9 @@ class KeptPhotographs:
         if not self._checkpoints.are_kept:
             return work()
         return self._registrations.by(number, number + 1, (before, features), work)
+
+    def tell(self) -> None:
+        """Say how many photographs an earlier run searched."""
+        if self._recalled:
+            total = len(self._frames)
+            self._checkpoints.say(f"resumed: {self._recalled} of {total} photographs are searched")

@@ -1,4 +1,4 @@
-"""Tracking that goes on where an earlier run was killed.
+"""Checkpoints of tracking, which goes on where an earlier run was killed.
 
 A stretch of tracking is kept every few seconds: its keyframes, and the state behind it. Each stretch is found
 by a digest of the one before, so that a chain of them belongs to one run of tracking.
@@ -23,7 +23,7 @@ from slam.core.flight import Flight
 from slam.core.packing import digest_of, pack
 from slam.core.picture_content import content_key
 from slam.core.streams import STREAMS
-from slam.mapping.resume.registrations import PARTS
+from slam.mapping.checkpoints.registrations import PARTS
 from slam.mapping.tracked_pictures import TrackedPictures
 
 EVERY_S = 15.0
@@ -80,7 +80,7 @@ class _Done:
         return _Done(frame, *counts)
 
 
-class KeptTracking:
+class TrackingCheckpoints:
     """The stretches of one pass over the frames of a flight."""
 
     def __init__(self, checkpoints: Checkpoints, flight: Flight, settings: object) -> None:
@@ -133,11 +133,9 @@ class KeptTracking:
     def _next(self, key: bytes) -> Stretch | None:
         """Return the stretch behind what is restored, if its pictures are as they were."""
         stretch = recall_as(Stretch, self._checkpoints, "track", key, _PARTS)
-        if stretch is None or stretch.begin != self._done.frame:
+        if stretch is None:
             return None
-        if stretch.end > len(self._frames) or stretch.pictures != self._content(
-            stretch.begin, stretch.end, stretch.unreadable
-        ):
+        if stretch.pictures != self._content(stretch.begin, stretch.end, stretch.unreadable):
             self._checkpoints.say(f"pictures behind number {stretch.begin} have changed: tracked again")
             return None
         self._key = digest_of(stretch)

@@ -8,11 +8,11 @@ from pathlib import Path
 import gtsam
 import numpy as np
 
-from backend.bundle.known_minima import PlainValues, share_minima
+from backend.bundle.checkpoints import PlainValues, use_checkpoints
 from backend.bundle.refinement import Bundle, refine
 from slam.core.packing import digest_of
 from slam.io.checkpoint_file import CheckpointFile
-from slam.mapping.resume.minima import KeptMinima
+from slam.mapping.checkpoints.refinement import RefinementCheckpoints
 from tests.backend.bundle.made_scenes import SCENES
 from tests.backend.made_floor import Made, make
 
@@ -20,7 +20,7 @@ from tests.backend.made_floor import Made, make
 def refined(made: Made, path: Path, said: list[str]) -> tuple[Bundle, int]:
     """Refine with what the file holds; the number is that of steps."""
     steps: list[int] = []
-    with CheckpointFile(path, {}, say=said.append) as file, share_minima(KeptMinima(file)):
+    with CheckpointFile(path, {}, say=said.append) as file, use_checkpoints(RefinementCheckpoints(file)):
         bundle = refine(
             made.measurements, made.start, made.floor_z_m, on_step=lambda step, error: steps.append(step)
         )

@@ -1,4 +1,4 @@
-"""Jobs on the pictures of a mosaic that an earlier run did."""
+"""Checkpoints of the jobs on the pictures of a mosaic."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from frontend.mosaic.memory import NO_MOSAIC_MEMORY, StageMemory
+from frontend.mosaic.checkpoints import NO_MOSAIC_CHECKPOINTS, StageCheckpoints
 from frontend.mosaic.plan import MosaicPlan
 from frontend.surface.dense import DenseHeights
 from slam.core.checkpoints import Checkpoints, recall_as
@@ -17,7 +17,7 @@ from slam.core.picture_content import content_key
 from slam.core.streams import Frames
 
 
-class KeptJobs:
+class JobCheckpoints:
     """Results of jobs by the plan, the content of its pictures, and their items."""
 
     def __init__(self, checkpoints: Checkpoints, frames: Frames, frame_index: NDArray[Any]) -> None:
@@ -30,12 +30,12 @@ class KeptJobs:
 
         self._content, self._told = content, set[str]()
 
-    def stage(self, name: str, plan: MosaicPlan, *others: object) -> StageMemory:
+    def stage(self, name: str, plan: MosaicPlan, *others: object) -> StageCheckpoints:
         """Return the results of jobs that depend on a plan, on its pictures, and on ``others``."""
         contents = [self._content(view.k) for view in plan.views] if self.checkpoints.are_kept else [None]
         if None in contents:
-            return NO_MOSAIC_MEMORY.stage(name, plan, *others)
-        return KeptStage(self, name, digest_of((name, plan, contents, others)))
+            return NO_MOSAIC_CHECKPOINTS.stage(name, plan, *others)
+        return _JobsOfStage(self, name, digest_of((name, plan, contents, others)))
 
     def recall(self, stage: str, key: bytes) -> Any:
         """Return the result of a job; None where it is not known. The first of each stage is told."""
@@ -47,10 +47,10 @@ class KeptJobs:
 
 
 @dataclass(frozen=True)
-class KeptStage:
+class _JobsOfStage:
     """Results of the jobs of one stage."""
 
-    jobs: KeptJobs
+    jobs: JobCheckpoints
     name: str
     made_of: bytes
 
