@@ -5,7 +5,7 @@ from __future__ import annotations
 from slam.core.clock_steps import clock_step_left, without_clock_steps
 from slam.core.flight import Flight
 from slam.core.imu_at_rest import gravity_reading
-from slam.core.messages import Line
+from slam.core.messages import Message, as_reason
 from slam.core.repeated_readings import repeated_readings
 from slam.core.stream_anomalies import velocity_anomalies
 from slam.inertial.attitude_check import attitude_contradictions
@@ -17,15 +17,15 @@ from slam.inertial.stream_clocks import without_stream_steps
 from slam.inertial.velocity_check import velocity_contradiction
 
 
-def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[Line]]:
-    """Return the flight with its clocks set right, and a line for each contradiction that is left.
+def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[Message]]:
+    """Return the flight with its clocks set right, and each contradiction that is left, as a reason.
 
     Each correction is a warning of the flight. Raises ``InputError`` where the flight has too little without
     a stream that is compared.
     """
     flight = without_clock_steps(flight)
     stepped: list[str] = []
-    levels: list[Line] = []
+    levels: list[Message] = []
     has_compared = any(getattr(flight, name) is not None for name in COMPARED)
     if has_compared and (motion := ImuMotion.of(flight, trust)) is not None:
         flight, motion, stepped = without_stream_steps(flight, motion, trust)
@@ -47,4 +47,4 @@ def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[Line]]:
         *repeated_readings(flight),
         *(velocity_anomalies(flight.velocity) if flight.velocity is not None else ()),
     ]
-    return flight, [line for line in lines if line]
+    return flight, [as_reason(line) for line in lines if line]

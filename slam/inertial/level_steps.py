@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from backend.clocks.delay_residuals import turn_costs
 from backend.clocks.gap_steps import LONGEST_LAG_S
 from slam.core.flight import Flight
-from slam.core.messages import Line, Message
+from slam.core.messages import Message
 from slam.core.stream_anomalies import stuck_ranges
 from slam.core.streams import STREAMS
 from slam.inertial.imu_motion import (
@@ -46,17 +46,17 @@ _SURE = 3.0
 _UNIT_OF = {"velocity": "m/s", "sonar": "m"}
 
 
-def level_contradictions(flight: Flight, motion: ImuMotion) -> list[Line]:
+def level_contradictions(flight: Flight, motion: ImuMotion) -> list[Message]:
     """Return a line for each stream whose level steps, or whose changes have another size, while the motion
     by its IMU shows otherwise."""
     streams = [name for name in COMPARED if getattr(flight, name) is not None]
-    lines: list[Line] = [line for name in streams for line in _lines(flight, name, motion)]
+    lines = [Message(line) for name in streams for line in _lines(flight, name, motion)]
     stuck = _stuck_in_flight(flight)
     return [*lines, stuck] if stuck else lines
 
 
 def _stuck_in_flight(flight: Flight) -> Message | None:
-    """Describe ranges that repeat while the vehicle does not stand; empty where they do not."""
+    """Describe ranges that repeat while the vehicle does not stand; None where they do not."""
     sonar, rest_s = flight.sonar, still_times(flight)
     if sonar is None:
         return None

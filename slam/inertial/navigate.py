@@ -88,7 +88,6 @@ def navigate(
         *_lost_in_pauses(inputs, at_s, position_std),
         *_contradicted(inputs),
         *_implausible_offsets(track.smoothed, trust),
-        *contradictions,
     ]
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(
@@ -112,6 +111,7 @@ def navigate(
         timing_s=clock.seconds,
         messages=joined(
             *map(as_reason, reasons),
+            *contradictions,
             *flight.messages,
             *anomalies(flight),
             *_identified_errors(inputs, track),
