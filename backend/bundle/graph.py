@@ -88,6 +88,9 @@ class NoiseLevels:
     range_m: float
     slope_rad: float
     """Standard deviation of the slope of the ground along either axis: no noise, but estimated like one."""
+    relief_inflation: float = 1.0
+    """Factor on the relief in the prior of a point on the ground, since neighbours rise and fall together:
+    the root of their design effect (`backend.bundle.relief_correlation`)."""
     structure: float = 1.0
     """Standard deviation of the heights of what stands on the ground, over the mean height."""
     height_m: float = np.inf

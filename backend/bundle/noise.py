@@ -117,7 +117,9 @@ def estimate_noise(
     if raised.any() or heights.doubtful.any():
         whitened[every.number] = every.whitened(cameras, point)
         used = (used | raised[tracks.track]) & ~heights.doubtful[tracks.track]
-    levels = replace(sensors, relief=heights.relief, structure=heights.structure)
+    levels = replace(
+        sensors, relief=heights.relief, relief_inflation=heights.inflation, structure=heights.structure
+    )
     fitted_std = np.where(raised, heights.structure, every.prior_std[:, 2])
     fit = _Fit(whitened, tracks.track, free.information, fitted_std, problem.measurements.count)
     spread = fit.spread(used, fitted_std, config.huber_sigmas)

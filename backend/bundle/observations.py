@@ -84,7 +84,8 @@ class FloorObservations:
         number = number[np.lexsort((tracks.keyframe[number], tracks.track[number]))]
         seen = np.bincount(tracks.track[number], minlength=int(tracks.track.max(initial=-1)) + 1)
         prior_std = np.full((len(seen), 3), _ANYWHERE)
-        prior_std[:, 2] = height_stds(problem.raised_of(len(seen)), noise)
+        raised = problem.raised_of(len(seen))
+        prior_std[:, 2] = height_stds(raised, noise) * np.where(raised, 1.0, noise.relief_inflation)
         return FloorObservations(
             number=number,
             keyframe=np.asarray(tracks.keyframe[number], dtype=np.int64),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.free_points import FreePoints
 from backend.bundle.graph import NoiseLevels
+from backend.bundle.relief_correlation import design_effect
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,10 +38,18 @@ _ITERATIONS = 20
 """Steps in which share and spread of the structure are found."""
 _FAR = 3.0
 """Standard deviations from the ground from which points count as structure at first."""
-_PLANES = 100
+_LEAST_GROUND = 1.0 / 3.0
+"""Least share of the points that lie on the ground."""
+_WITHIN = 0.4307
+"""Size that a normal variable of unit variance stays below with that probability."""
+_PLANES = 300
 """Planes that are tried for the ground."""
-_MEDIAN = 0.6745
-"""Median of the size of a normal variable of unit variance."""
+_AS_EVEN = 5.0
+"""Factor on the distances to the best plane up to which another one is as even. That may be of roofs with two
+thirds of the points: a third of the heights is then nearer by 2.9, and planes through three points err by
+the root of three heights."""
+_REFITS = 5
+"""Fits of the plane to the points near it; each is more exact."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +59,8 @@ class Heights:
     relief: float
     structure: float
     """Standard deviation of the heights of structure."""
+    inflation: float
+    """Factor on the relief for points that rise and fall with their neighbours."""
     raised: Mask
     """(t,) points that more probably are structure."""
     doubtful: Mask
@@ -111,20 +122,23 @@ def find_heights(
     known = (free.agreeing >= 2) & (free.information * start.relief**2 > _LEAST_INFORMATION)
     none, on_ground = np.zeros(len(known), bool), known & (used >= 2)
     if on_ground.sum() < _LEAST_POINTS:
-        return Heights(start.relief, start.structure, none, none)
+        return Heights(start.relief, start.structure, start.relief_inflation, none, none)
     z, variance = free.height, free.variance
     if not level:
         z -= _plane(free.point[:, :2], z, on_ground)
     relief = _relief(z[on_ground], variance[on_ground], start.relief)
     judged = known & (free.agreeing >= LEAST_PICTURES)
-    found = _with_structure(z[judged], variance[judged], relief, start.relief)
-    if found is None:
-        return Heights(relief, start.structure, none, none)
-    high = none.copy()
-    high[known] = replace(found, z=z[known], variance=variance[known]).probabilities > 0.5
-    on_ground &= ~high
-    relief = _relief(z[on_ground], variance[on_ground], start.relief)
-    return Heights(relief, found.structure, high & judged, high & (free.pictures < LEAST_PICTURES))
+    place = free.point[:, :2]
+    together = design_effect(place[judged], z[judged], variance[judged], relief)
+    found = _with_structure(z[judged], variance[judged], relief, start.relief, together)
+    high, structure = none.copy(), start.structure
+    if found is not None:
+        high[known] = replace(found, z=z[known], variance=variance[known]).probabilities > 0.5
+        on_ground &= ~high
+        relief, structure = _relief(z[on_ground], variance[on_ground], start.relief), found.structure
+    together = design_effect(place[on_ground], z[on_ground], variance[on_ground], relief)
+    doubtful = high & (free.pictures < LEAST_PICTURES)
+    return Heights(relief, structure, float(np.sqrt(together)), high & judged, doubtful)
 
 
 def _relief(z: Array, variance: Array, start: float) -> float:
@@ -142,17 +156,21 @@ def _relief(z: Array, variance: Array, start: float) -> float:
     return float(np.clip(grid[np.argmin(loss)], max(0.05 * start, _LEAST_RELIEF), 20 * start))
 
 
-def _with_structure(z: Array, variance: Array, relief: float, start: float) -> _Mixture | None:
+def _with_structure(
+    z: Array, variance: Array, relief: float, start: float, together: float
+) -> _Mixture | None:
     """Return the kinds of points, None where the ground alone explains the heights.
 
-    Two more numbers must gain more than their Bayesian information criterion. ``relief`` is that of ground
-    alone: with much structure it is too large, so that ground as even as half of the points is tried too.
+    Two more numbers must gain more than their Bayesian information criterion, for which points that rise
+    ``together`` count as one: a few waves of the ground have any distribution of heights. ``relief`` is that
+    of ground alone: with much structure it is too large, so that ground as even as a third of the points is
+    tried too.
     """
     if len(z) < _LEAST_POINTS:
         return None
     best, widest = None, float(np.sqrt(max(float(np.mean(z**2 - variance)), 0.0)))
     alone = max(_Mixture(z, variance, each, each, 0.5).log_likelihood for each in (relief, widest))
-    least = alone + np.log(len(z))
+    least = alone + together * np.log(max(len(z) / together, np.e))
     for each in (relief, min(relief, _core(z, variance))):
         found = _Mixture.fitted(z, variance, each)
         if found is None or found.log_likelihood <= alone:
@@ -165,31 +183,33 @@ def _with_structure(z: Array, variance: Array, relief: float, start: float) -> _
 
 
 def _plane(xy: Array, z: Array, known: Mask) -> Array:
-    """Return the heights (t,) of the plane of most points at the places (t, 2), by the ``known`` ones.
+    """Return the heights (t,) of the plane of the ground at the places (t, 2), by the ``known`` ones.
 
-    It has the least median of the distances among planes through three points. One of them is on a plane of
-    half of the points with a probability of 1 - (7/8)^`_PLANES`. Source: Rousseeuw 1984.
+    Of planes through three points, those count to which a third of the points are nearest, and the lowest of
+    these is the ground: flat roofs may be as even. One of the planes is on a ground of a third of the points
+    with a probability of 1 - (26/27)^`_PLANES`. Sources: Rousseeuw 1984 (least quantile);
+    Rousseeuw and van Driessen 2006 (refits).
     """
     terms = np.column_stack([np.ones(len(z)), xy])
     of_known, z_known, rng = terms[known], z[known], np.random.default_rng(0)
-    best: Array = np.zeros(3)
-    least = np.inf
-    for _ in range(_PLANES):
-        three = rng.choice(len(z_known), 3, replace=False)
-        plane = np.linalg.lstsq(of_known[three], z_known[three])[0]
-        off = np.abs(z_known - of_known @ plane)
-        if np.median(off) < least:
-            best, least = np.asarray(plane), float(np.median(off))
-    near = np.abs(z_known - of_known @ best) <= _FAR / _MEDIAN * least
-    return np.asarray(terms @ np.linalg.lstsq(of_known[near], z_known[near])[0])
+    threes = [rng.choice(len(z_known), 3, replace=False) for _ in range(_PLANES)]
+    planes = np.array([np.linalg.lstsq(of_known[three], z_known[three])[0] for three in threes])
+    off = [float(np.quantile(np.abs(z_known - of_known @ plane), _LEAST_GROUND)) for plane in planes]
+    even = np.flatnonzero(np.array(off) <= _AS_EVEN * min(off))
+    plane = planes[even[np.argmin(planes[even] @ of_known.mean(axis=0))]]
+    for _ in range(_REFITS):
+        away = np.abs(z_known - of_known @ plane)
+        near = away <= _FAR / _WITHIN * np.quantile(away, _LEAST_GROUND)
+        plane = np.linalg.lstsq(of_known[near], z_known[near])[0]
+    return np.asarray(terms @ plane)
 
 
 def _core(z: Array, variance: Array) -> float:
-    """Return the relief at which half of the points are within the median of a normal distribution."""
+    """Return the relief at which a third of the points lie where a third of a normal distribution does."""
     low, high = _LEAST_RELIEF, float(np.abs(z).max()) + _LEAST_RELIEF
     while high > 1.1 * low:
         middle = float(np.sqrt(low * high))
-        if np.median(np.abs(z) / np.sqrt(middle**2 + variance)) > _MEDIAN:
+        if np.quantile(np.abs(z) / np.sqrt(middle**2 + variance), _LEAST_GROUND) > _WITHIN:
             low = middle
         else:
             high = middle

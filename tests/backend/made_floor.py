@@ -23,6 +23,8 @@ from slam.core.estimate import over_floor
 
 NADIR = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]])
 SIZE_PX = np.array([320.0, 240.0])
+_WAVES = 20
+"""Number of waves of rolling ground, whose sum is nearly normal."""
 CAMERA = PinholeModel((256.0, 256.0), (159.5, 119.5), NADIR)
 
 
@@ -41,6 +43,12 @@ class Scene:
     """Standard deviation over the height."""
     walls: float = 0.0
     """Share of points that stand a quarter of the height above the floor."""
+    box: tuple[float, float, float, float] | None = None
+    """Least and largest x, and y, of a box of a quarter of the height, over the height."""
+    rolling: float = 0.0
+    """Standard deviation over the height of ground that rises and falls: the sum of many waves."""
+    wavelengths: tuple[float, float] = (1.0, 2.0)
+    """Shortest and longest of these waves, over the height."""
     moving: float = 0.0
     """Share of points that move along the floor, by a twentieth of the height between two keyframes."""
     slope_rad: tuple[float, float] = (0.0, 0.0)
@@ -187,6 +195,12 @@ def _tracked(
     count = int(scene.points_in_view * np.prod(hi - lo) / view)
     z = rng.normal(0, scene.relief * h, count) + 0.25 * h * (rng.uniform(size=count) < scene.walls)
     point = np.column_stack([rng.uniform(lo, hi, (count, 2)), z])
+    if scene.box is not None:
+        x, y = point[:, :2].T / h
+        inside = (x > scene.box[0]) & (x < scene.box[1]) & (y > scene.box[2]) & (y < scene.box[3])
+        point[:, 2] += 0.25 * h * inside
+    if scene.rolling:
+        point[:, 2] += scene.rolling * h * _waves(point[:, :2] / h, scene.wavelengths, rng)
     noise = rng.normal(0, scene.pixel_std, (len(f_T_c), count, 2))
     for k in range(1, len(noise)):
         noise[k] = scene.pixel_colour * noise[k - 1] + np.sqrt(1 - scene.pixel_colour**2) * noise[k]
@@ -210,6 +224,14 @@ def _tracked(
     nominal = np.full(len(table), scene.told_pixel_std)
     tracks = FloorTracks(table[:, 0].astype(int), track, table[:, 2:], nominal)
     return tracks, point[number], is_moving[number]
+
+
+def _waves(xy: np.ndarray, wavelengths: tuple[float, float], rng: np.random.Generator) -> np.ndarray:
+    """Heights (t,) of unit variance at places (t, 2): waves of any direction and phase."""
+    angle, phase = rng.uniform(0, 2 * np.pi, (2, _WAVES))
+    number = 2 * np.pi / rng.uniform(*wavelengths, _WAVES)
+    along = xy @ (number * np.array([np.cos(angle), np.sin(angle)]))
+    return np.sqrt(2.0 / _WAVES) * np.sin(along + phase).sum(axis=1)
 
 
 def _attitudes(scene: Scene, w_T_b: np.ndarray, rng: np.random.Generator) -> tuple[Attitude, ...]:

@@ -46,6 +46,7 @@ from slam.mapping.warnings.motions import KeyframeSteps
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
 from slam.mapping.warnings.parts import parts_warning
+from slam.mapping.warnings.rolling_ground import rolling_ground_warning
 from slam.mapping.warnings.single_join import single_join_warnings
 from slam.mapping.warnings.slope_by_attitude import slope_by_attitude_warning
 from slam.mapping.warnings.systematic_warning import (
@@ -168,6 +169,7 @@ def _reasons(
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
         _tilt_warning(map_, tilt) if tilt is not None and tilt.is_too_large else "",
         slope_by_attitude_warning(map_),
+        rolling_ground_warning(map_, shares),
         lean_warning(flight, map_, tilt),
         _stuck_ranges(flight, map_) or _range_contradiction(context, map_),
         *_motion_warnings(flight, map_, by_metres),
