@@ -1,6 +1,9 @@
-"""The vertical datum of the altitudes of ``gps0``, as ``sensor.yaml`` states it."""
+"""The vertical datum of altitudes: as ``sensor.yaml`` of ``gps0`` states it, and whether it is an ellipsoid."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 from slam.core.height_systems import ELLIPSOID, SEA_LEVEL, UNKNOWN, height_system
 from slam.io.files import brief
@@ -24,14 +27,30 @@ def _holds_heights(code: str) -> bool:
     """Return whether the registry has a system of heights, or of degrees and heights, of this code."""
     if code in (ELLIPSOID, SEA_LEVEL):
         return True
+    system = _registered(code)
+    if system is None or counts_depths(system):
+        return False
+    return system["type"] == "VerticalCRS" or _is_geographic_3d(system)
+
+
+def is_ellipsoidal(code: str) -> bool:
+    """Return whether the heights of a system count from an ellipsoid, and not from a model of sea level."""
+    if code in (ELLIPSOID, SEA_LEVEL):
+        return code == ELLIPSOID
+    system = _registered(code)
+    return system is not None and _is_geographic_3d(system)
+
+
+def _registered(code: str) -> dict[str, Any] | None:
+    """Return a system of the registry as PROJ describes it in JSON; None for an unknown code."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
     try:
-        system = CRS.from_string(code).to_dict(projjson=True)
+        return dict(CRS.from_string(code).to_dict(projjson=True))
     except CRSError:
-        return False
-    kind = system["type"]
-    if counts_depths(system):
-        return False
-    return kind == "VerticalCRS" or (kind == "GeographicCRS" and has_three_axes(system))
+        return None
+
+
+def _is_geographic_3d(system: Mapping[str, Any]) -> bool:
+    return system["type"] == "GeographicCRS" and has_three_axes(system)

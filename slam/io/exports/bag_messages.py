@@ -88,7 +88,7 @@ def _fixes(exported: ExportedMap, covariances: Array, make: _Maker) -> list[Mess
     frames = exported.keyframes
     if exported.estimate.origin is None:
         return []
-    places = zip(*exported.geodetic(frames), strict=True)
+    places = zip(*exported.navigation_fixes(frames), strict=True)
     return [
         make.fix(stamp_ns, place, covariances[k, :3, :3])
         for k, (stamp_ns, place) in enumerate(zip(frames.stamps_ns.tolist(), places, strict=True))

@@ -16,8 +16,10 @@ from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
 from slam.core.geodesy import geodetic_from_enu
+from slam.core.height_systems import height_system_text
 from slam.core.names import listed
 from slam.core.progress import Progress, silent
+from slam.io.gps_heights import is_ellipsoidal
 
 Array = NDArray[np.float64]
 
@@ -160,6 +162,29 @@ class ExportedMap:
         latitude, longitude, altitude = geodetic_from_enu(frames.w_T_b[:, :3, 3], self.estimate.origin)
         known = self.estimate.altitude_known
         return latitude, longitude, altitude if known else np.full(len(altitude), np.nan)
+
+    def navigation_fixes(self, frames: Keyframes) -> tuple[Array, Array, Array]:
+        """Return the same for fixes of satellite navigation, whose altitudes count from the ellipsoid.
+
+        Altitudes of another vertical datum are NaN. Those of an unknown datum are written as recorded.
+        """
+        latitude, longitude, altitude = self.geodetic(frames)
+        return latitude, longitude, np.full(len(altitude), np.nan) if self.is_above_sea_level else altitude
+
+    @cached_property
+    def is_above_sea_level(self) -> bool:
+        """Whether the altitudes are known to count from another surface than the ellipsoid."""
+        system = self.estimate.height_system
+        return bool(system) and not is_ellipsoidal(system)
+
+    def navigation_notes(self) -> tuple[str, ...]:
+        """Return why fixes of satellite navigation have no altitude."""
+        if self.estimate.origin is None or not self.is_above_sea_level:
+            return ()
+        system = height_system_text(self.estimate.height_system)
+        return (
+            f"/slam/fix has no altitudes: it takes heights over the ellipsoid, and those of the map count from {system}",
+        )
 
     @property
     def heights_above_floor_m(self) -> Array:

@@ -17,4 +17,4 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     for path in made.iterdir():  # the library makes a folder of its own, and names files in it relatively
         path.rename(target / path.name)
     made.rmdir()
-    return ()
+    return exported.navigation_notes()

@@ -51,7 +51,8 @@ def write_map(file: FoxgloveFile, exported: ExportedMap) -> tuple[str, ...]:
         pictures = _pictures(exported, frames, camera)
     notes = _write_once(file, exported)
     covariances = keyframes.fixed_axes_covariances
-    places = list(zip(*exported.geodetic(keyframes), strict=True)) if estimate.origin is not None else []
+    has_place = estimate.origin is not None
+    places = list(zip(*exported.navigation_fixes(keyframes), strict=True)) if has_place else []
     for k, stamp_ns in enumerate(keyframes.stamps_ns.tolist()):
         T, name = keyframes.w_T_b[k], keyframes.names[k]
         about = {"picture": name, "part": str(int(keyframes.component[k]))}
@@ -70,7 +71,7 @@ def write_map(file: FoxgloveFile, exported: ExportedMap) -> tuple[str, ...]:
             file.add("/camera/image", stamp_ns, messages.image(stamp_ns, picture))
     if unread:
         notes.append(f"pictures that cannot be read are left out: {listed(unread)}")
-    return tuple(notes)
+    return (*notes, *exported.navigation_notes())
 
 
 def _check_names(exported: ExportedMap, frames: Frames) -> None:

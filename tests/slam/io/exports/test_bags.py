@@ -111,6 +111,20 @@ def test_an_unknown_altitude_is_no_number(tmp_path):
     assert np.isnan(fix.altitude)
 
 
+@pytest.mark.parametrize(("system", "altitude_m"), [("EPSG:5773", np.nan), ("EPSG:4979", 10.0), ("", 10.0)])
+@pytest.mark.parametrize("kind", ["ros2", "mcap"])
+def test_fixes_have_altitudes_over_the_ellipsoid_alone(kind, system, altitude_m, tmp_path):
+    """The comment of NavSatFix: positive is above the WGS 84 ellipsoid."""
+    origin = GeoOrigin(47.0, 8.0, 0.0, height_system=system)
+    map_ = exported(made_map(pose((0.0, 0.0, 10.0)), pose((1.0, 0.0, 10.0)), origin=origin))
+    notes = export_map(map_, kind, tmp_path / "map.mcap")
+    flight = flight_of(open_recording(tmp_path / "map.mcap"), Request())
+    np.testing.assert_allclose(flight.gps.altitude_m, altitude_m, atol=1e-5)
+    assert ["takes heights over the ellipsoid" in note for note in notes] == [True] * bool(
+        np.isnan(altitude_m)
+    )
+
+
 @pytest.mark.parametrize("epoch_ns", [-1, 2**31 * 10**9])
 def test_a_stamp_that_ros_cannot_hold_is_refused(epoch_ns, tmp_path):
     with pytest.raises(InputError, match="before 1970 or after 2038"):
