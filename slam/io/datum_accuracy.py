@@ -6,9 +6,12 @@ Source: EPSG's database, in the copy that PROJ has.
 from __future__ import annotations
 
 import math
+import os
 import sqlite3
+import sys
 from collections.abc import Mapping
 from contextlib import closing
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -69,11 +72,12 @@ def _epsg(named: Mapping[str, Any]) -> str:
 def _best_m(
     names: Mapping[str, str], same_ellipsoid: bool, longitude_deg: float, latitude_deg: float
 ) -> float:
-    from rasterio._env import PROJDataFinder
     from rasterio.warp import transform
 
-    folder = PROJDataFinder().search()
-    with closing(sqlite3.connect(f"file:{folder}/proj.db?mode=ro", uri=True)) as database:
+    path = _database()
+    if path is None:
+        return math.nan
+    with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
         keys = {**names, "longitude": longitude_deg, "latitude": latitude_deg}
         (best,) = database.execute(_ACCURACY, keys).fetchone()
         codes = [code for (code,) in database.execute(_CODES, keys)]
@@ -83,6 +87,18 @@ def _best_m(
         if np.allclose(there, here, rtol=0, atol=1e-9):
             return 0.0
     return math.nan if best is None else float(best)
+
+
+def _database() -> Path | None:
+    """Return PROJ's copy of EPSG's database, searched as PROJ does: the folders that the environment names,
+    that of rasterio's wheel, and those of a system; None where it is in none of them."""
+    import rasterio
+
+    named = os.environ.get("PROJ_DATA") or os.environ.get("PROJ_LIB") or ""
+    folders = [Path(each).absolute() for each in named.split(os.pathsep) if each]
+    folders.append(Path(rasterio.__file__).absolute().parent / "proj_data")
+    folders += [Path(prefix, "share/proj") for prefix in (sys.prefix, "/usr/local", "/usr")]
+    return next((path for folder in folders if (path := folder / "proj.db").is_file()), None)
 
 
 def _is_of_wgs84(datum: Mapping[str, Any]) -> bool:

@@ -1,4 +1,4 @@
-"""The vertical datum of altitudes: as ``sensor.yaml`` of ``gps0`` states it, and whether it is an ellipsoid."""
+"""The vertical datum of altitudes: that which ``gps0/sensor.yaml`` states; whether one is an ellipsoid."""
 
 from __future__ import annotations
 

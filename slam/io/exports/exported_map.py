@@ -183,7 +183,8 @@ class ExportedMap:
             return ()
         system = height_system_text(self.estimate.height_system)
         return (
-            f"/slam/fix has no altitudes: it takes heights over the ellipsoid, and those of the map count from {system}",
+            "/slam/fix has no altitudes: it takes heights over the ellipsoid, and those of the map count "
+            f"from {system}",
         )
 
     @property

@@ -34,6 +34,8 @@ _LINE = re.compile(
     rf"{_NUMBER},\s*Lat\s+{_NUMBER},\s*Lon\s+{_NUMBER},\s*Ellh\s+"
     rf"{_NUMBER},{_NUMBER},{_NUMBER}\s+(\d+),\s*Q\s*"
 )
+_FILE_NAME = re.compile(r"_?Timestamp\.MRK$", re.IGNORECASE)
+"""What follows the name of the flight."""
 _NUMBER_IN_NAME = re.compile(r"(?:^|_)(\d{3,4})(?:_[A-Z]+)?$", re.IGNORECASE)
 """The number at the end of DJI's names, ``100_0001_0012`` and ``DJI_20250101120000_0012_V``."""
 _SAME_PLACE_M, _SIGMAS = 2.0, 3.0
@@ -55,47 +57,73 @@ class _Mark:
     solution: str
 
 
+@dataclass(frozen=True)
+class _MarkFile:
+    """The marks of one flight."""
+
+    path: Path
+    name: str
+    """Path below the folder of the photographs."""
+    marks: dict[int, _Mark]
+    """Number of a photograph -> mark."""
+
+    def names(self, photo: Photo) -> bool:
+        """Return whether a photograph of its folder has a name that begins as that of the file does."""
+        return photo.path.parent == self.path.parent and photo.path.name.startswith(
+            _FILE_NAME.sub("", self.path.name) + "_"
+        )
+
+
 def with_marks(
     photos: Sequence[Photo], folder: Path, beside: Sequence[Path]
 ) -> tuple[list[Photo], list[Path], tuple[Line, ...]]:
     """Return photographs with the places of files, the other files ``beside`` them, and lines about these.
 
-    A photograph has the mark of its number in a file of its folder, unless its tags lie elsewhere.
+    A photograph has the mark of its number in a file of its folder, unless its tags lie elsewhere. The
+    numbers of several flights in one folder begin at 1 each: there the names of the files tell which
+    photographs are theirs, or else the places do.
     """
-    photos, others, remarks = list(photos), list[Path](), list[Line]()
-    for path in beside:
-        if path.suffix.lower() != SUFFIX:
-            others.append(path)
-            continue
+    files, remarks = list[_MarkFile](), list[Line]()
+    for path in (path for path in beside if path.suffix.lower() == SUFFIX):
         name = shown(str(path.relative_to(folder)))
         try:
             marks, unread = _marks(path, folder)
         except InputError as refused:
             remarks.append(f"{str(refused).removeprefix(f'{folder}/')}; its places are not used")
             continue
+        files.append(_MarkFile(path, name, marks))
         if unread:
             remarks.append(
                 f"{name}: {counted(unread, 'line')} cannot be read, and {unread} places are missing"
             )
-        found, elsewhere = dict[int, _Mark](), list[str]()
-        for k, photo in enumerate(photos):
-            mark = marks.get(_number(photo)) if photo.path.parent == path.parent else None
-            if mark is not None and _is_of(mark, photo.tags.position):
-                found[k] = mark
-            elif mark is not None:
-                elsewhere.append(photo.name)
-        if elsewhere:
-            remarks.append(
-                f"{name}: the marks of {counted(len(elsewhere), 'photograph')} lie elsewhere than the places "
-                f"in their tags and are not used ({listed(elsewhere)}); are they of another flight?"
-            )
-        if found:
-            remarks.append(
-                _about(name, [(photos[k].tags.position, mark) for k, mark in found.items()], len(photos))
-            )
-        for k, mark in found.items():
-            photos[k] = _at(photos[k], mark)
-    return photos, others, tuple(remarks)
+    placed, used = list(photos), dict[str, list[tuple[PhotoPosition, _Mark]]]()
+    elsewhere, ambiguous = dict[str, list[str]](), dict[str, list[str]]()
+    of_names = {file.path for file in files if any(map(file.names, photos))}
+    for k, photo in enumerate(photos):
+        own = [
+            file for file in files if file.path.parent == photo.path.parent and _number(photo) in file.marks
+        ]
+        own = [file for file in own if file.path not in of_names or file.names(photo)]
+        near = [file for file in own if _is_of(file.marks[_number(photo)], photo.tags.position)]
+        if len(near) == 1:
+            mark = near[0].marks[_number(photo)]
+            used.setdefault(near[0].name, []).append((photo.tags.position, mark))
+            placed[k] = _at(photo, mark)
+        elif own:
+            reason = ambiguous if near else elsewhere
+            reason.setdefault(listed([file.name for file in near or own]), []).append(photo.name)
+    remarks += [
+        f"{names}: the marks of {counted(len(of), 'photograph')} lie elsewhere than the places in their tags "
+        f"and are not used ({listed(of)}); are they of another flight?"
+        for names, of in elsewhere.items()
+    ]
+    remarks += [
+        f"{names}: each has a mark that may be of {counted(len(of), 'photograph')} ({listed(of)}), and none "
+        "of these is used; put each flight into a folder of its own"
+        for names, of in ambiguous.items()
+    ]
+    remarks += [_about(name, found, len(photos)) for name, found in used.items()]
+    return placed, [path for path in beside if path.suffix.lower() != SUFFIX], tuple(remarks)
 
 
 def _marks(path: Path, folder: Path) -> tuple[dict[int, _Mark], int]:

@@ -89,6 +89,41 @@ def test_a_set_that_marks_cover_in_part_keeps_its_assumptions(tmp_path):
     assert flight.gps.height_system == ""
 
 
+def flown_twice(names, at):
+    """Photographs of two flights in one folder, each of which is numbered from 1."""
+    times = ("2025:01:01 12:00:00", "2025:01:01 12:00:02", "2025:01:01 13:00:00", "2025:01:01 13:00:02")
+    return {n: jpeg(place=p, altitude=310.0, time=t) for n, p, t in zip(names, at, times, strict=True)}
+
+
+PHANTOM = ("100_0001_0001.JPG", "100_0001_0002.JPG", "100_0002_0001.JPG", "100_0002_0002.JPG")
+MAVIC = tuple(f"DJI_2025010112{k}000_000{1 + k % 2}_V.JPG" for k in range(4))
+
+
+@pytest.mark.parametrize("apart_deg", [0.001, 0.0])
+@pytest.mark.parametrize(
+    ("names", "marks"),
+    [
+        (PHANTOM, ("100_0001_Timestamp.MRK", "100_0002_Timestamp.MRK")),
+        (MAVIC, ("DJI_202501011159_001_Timestamp.MRK", "DJI_202501011259_002_Timestamp.MRK")),
+    ],
+)
+def test_two_flights_in_one_folder_have_their_own_marks(tmp_path, names, marks, apart_deg):
+    """Names tell the flights, or else the places do; of the same places again, nothing tells them."""
+    second = [(latitude + apart_deg, longitude) for latitude, longitude in PLACES[:2]]
+    texts = [
+        "".join(mark(k + 1, place, STDS[k], height=height) for k, place in enumerate(at))
+        for at, height in ((PLACES[:2], 350.0), (second, 360.0))
+    ]
+    files = flown_twice(names, (*PLACES[:2], *second))
+    files |= {name: text.encode() for name, text in zip(marks, texts, strict=True)}
+    flight = import_photos(fill(tmp_path, files))
+    is_told = apart_deg > 0 or names is PHANTOM
+    expected = [350.0, 350.0, 360.0, 360.0] if is_told else [310.0] * 4
+    np.testing.assert_allclose(flight.gps.altitude_m, expected)
+    doubts = [line for line in flight.warnings if "may be of" in line or "lie elsewhere" in line]
+    assert len(doubts) == (0 if is_told else 1)
+
+
 @pytest.mark.parametrize("text", ["", "nothing\n"])
 def test_a_file_without_marks_is_told(tmp_path, text):
     flight = imported(tmp_path, [text])
