@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from slam.core.flight import Flight
 from slam.core.messages import Line
 from slam.core.names import listed
 from slam.io.files import brief, refusal
 from slam.io.gcp_views import GcpRow
-from slam.io.picture_names import PictureNames, file_name, parts_of
+from slam.io.picture_names import PictureNames, file_name
 
 
 def rows_in_flight(
@@ -23,14 +23,18 @@ def rows_in_flight(
     ``names`` are those of the flight. Raises ``InputError`` for a picture that may be one of several, for a
     pixel outside of its picture, and where no row is left.
     """
+    matches = names.matched((row.view.picture for row in rows), flight.name)
+    if matches.unclear:
+        picture = brief(file_name(matches.unclear[0]), 60)
+        what = f"names {picture!r} in several folders, of which the flight has one"
+        raise refusal(path, what, "keep the lines of that folder")
     known, unknown = [], []
-    elsewhere = _of_other_folders(path, rows, flight, names)
     for row in rows:
-        if names.is_ambiguous(row.view.picture):
+        if row.view.picture in matches.ambiguous:
             what = f"names {brief(row.view.picture, 60)!r}, of which there are several"
             raise refusal(path, what, "write its folder too", row.line)
-        found = None if row.view.picture in elsewhere else names.find(row.view.picture)
-        if not found:  # of a folder whose pictures are not in the flight, as those of several others are
+        found = matches.picture.get(row.view.picture)
+        if found is None:  # of a folder whose pictures are not in the flight, as those of several others are
             unknown.append(row)
             continue
         _check_pixel(path, row, flight, found)
@@ -55,30 +59,3 @@ def _check_pixel(path: Path, row: GcpRow, flight: Flight, picture: str) -> None:
         pixel = f"has the pixel {row.view.u_px:g} {row.view.v_px:g}"
         what = f"{pixel}, outside of {picture} of {width} x {height} px"
         raise refusal(path, what, "give pixels of the pictures as they are", row.line)
-
-
-def _of_other_folders(
-    path: Path, rows: Sequence[GcpRow], flight: Flight, names: PictureNames
-) -> frozenset[str]:
-    """Return the pictures that have only their file name in common with one of the flight: the list has that
-    one too, with its folder. Raises ``InputError`` where no folder is known to be the flight's."""
-    written_of: dict[str, list[str]] = {}
-    for picture in dict.fromkeys(row.view.picture for row in rows):
-        if found := names.find(picture):
-            written_of.setdefault(found, []).append(picture)
-    others = set[str]()
-    for found, written in written_of.items():
-        folders = {each: parts[-2] for each in written if len(parts := parts_of(each)) > 1}
-        if len({*folders.values()}) < 2:
-            continue
-        own = {flight.name.lower(), *PurePosixPath(found.lower()).parts[:-1]}
-        strange = [
-            each
-            for each, folder in folders.items()
-            if folder not in own and folder + "_" not in found.lower()
-        ]
-        if len(strange) == len(folders):
-            what = f"names {brief(file_name(found), 60)!r} in several folders, of which the flight has one"
-            raise refusal(path, what, "keep the lines of that folder")
-        others.update(strange)
-    return frozenset(others)

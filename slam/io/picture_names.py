@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
@@ -42,6 +42,55 @@ class PictureNames:
         return found == "" or (
             found is None and sum(name.lower().endswith(ending) for name in {*self.by_ending.values()}) > 1
         )
+
+    def matched(self, written: Iterable[str], flight_name: str) -> NameMatches:
+        """Return which pictures all names of a file mean.
+
+        Where names in several folders lead to one picture of the flight, by their file name alone, it is the
+        one whose folder is known to be the flight's: by the flight's name, or in the picture's own name.
+        """
+        ambiguous, unknown, pairs = list[str](), list[str](), dict[str, list[str]]()
+        for each in dict.fromkeys(written):
+            if self.is_ambiguous(each):
+                ambiguous.append(each)
+            elif name := self.find(each):
+                pairs.setdefault(name, []).append(each)
+            else:
+                unknown.append(each)
+        picture, unclear = dict[str, str](), list[str]()
+        for name, several in pairs.items():
+            if own := _of_own_folder(name, several, flight_name):
+                picture |= dict.fromkeys(own, name)
+                unknown += [each for each in several if each not in own]
+            else:
+                unclear.append(name)
+        return NameMatches(picture, tuple(ambiguous), tuple(unknown), tuple(unclear))
+
+
+@dataclass(frozen=True)
+class NameMatches:
+    """Names in a file, and which pictures of a flight they mean."""
+
+    picture: Mapping[str, str]
+    """Written name -> the flight's name."""
+    ambiguous: tuple[str, ...]
+    """Written names, each of which several pictures have in different folders."""
+    unknown: tuple[str, ...]
+    """Written names of no picture of the flight."""
+    unclear: tuple[str, ...]
+    """The flight's names of pictures that are written in several folders, none of them known as its own."""
+
+
+def _of_own_folder(name: str, written: Sequence[str], flight_name: str) -> list[str]:
+    """Return those written names of one picture that are not in a folder of other pictures."""
+    folders = {each: parts[-2] for each in written if len(parts := parts_of(each)) > 1}
+    if len({*folders.values()}) < 2:
+        return list(written)
+    known = {flight_name.lower(), *PurePosixPath(name.lower()).parts[:-1]}
+    strange = {
+        each for each, folder in folders.items() if folder not in known and folder + "_" not in name.lower()
+    }
+    return [] if len(strange) == len(folders) else [each for each in written if each not in strange]
 
 
 def parts_of(written: str) -> tuple[str, ...]:

@@ -6,10 +6,9 @@ Programs that correct positions after the flight write such tables, so they are 
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from slam.io.files import brief, read_text, shown
 from slam.io.gcp_list import FILE_NAME
 from slam.io.photos.photo_set import Photo
 from slam.io.photos.position import PhotoPosition
+from slam.io.picture_names import PictureNames
 from slam.io.recordings.tables.cells import decimal_mark, numbers, text_of
 from slam.io.recordings.tables.columns import TIMES, Column, columns_of, quantities_of
 from slam.io.recordings.tables.layout import Layout, layout_of
@@ -42,7 +42,7 @@ _FAR_M = 1000.0
 """Positions that are corrected after the flight lie metres from those of the tags. So far off they are those
 of other photographs, or have another order, sign or datum."""
 _Geotags = Mapping[str, tuple[float, ...]]
-"""Name of a picture in small letters -> latitude, longitude [deg], altitude, and standard deviations along
+"""Name of a picture as written -> latitude, longitude [deg], altitude, and standard deviations along
 the ground and up [m]; NaN for what is not told."""
 
 
@@ -118,7 +118,7 @@ def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[Line, ...]]:
         if np.isfinite(row[:2]).all() and (fault := position_fault(*row[:2])):
             refused.append(f"{brief(name, 40)}: {fault}")
         elif np.isfinite(row[:2]).all():
-            geotags[name.casefold()] = tuple(row)
+            geotags[name] = tuple(row)
     if refused:
         faults.append(f"{counted(len(refused), 'position')} not used ({listed(refused)})")
     return geotags, tuple(faults)
@@ -128,27 +128,20 @@ def _placed(
     photos: Sequence[Photo], folder: Path, name: str, geotags: _Geotags
 ) -> tuple[list[Photo], list[Line]]:
     """Return photographs with the positions of a table, and lines about it."""
-    same = Counter(photo.path.name.casefold() for photo in photos)
-    stems = Counter(map(_stem, photos))
-    placed, used, far = list[Photo](), set[str](), list[tuple[float, str]]()
-    is_moved = list[bool]()
+    matches = PictureNames.of([photo.name for photo in photos]).matched(geotags, folder.name)
+    geotag_of = {picture: geotags[written] for written, picture in matches.picture.items()}
+    placed, far, is_moved = list[Photo](), list[tuple[float, str]](), list[bool]()
     for photo in photos:
-        inner = photo.path.relative_to(folder).as_posix().casefold()
-        bare = photo.path.name.casefold()
-        keys = [inner] if same[bare] > 1 else [inner, bare]
-        # Some programs write the names without their endings.
-        keys += [PurePosixPath(key).with_suffix("").as_posix() for key in keys] * (stems[_stem(photo)] == 1)
-        key = next((key for key in keys if key in geotags), None)
-        is_moved.append(key is not None)
-        if key is not None:
-            used.add(key)
-            if (away_m := photo.tags.position.apart_m(*geotags[key][:2])) > _FAR_M:
+        geotag = geotag_of.get(photo.name)
+        is_moved.append(geotag is not None)
+        if geotag is not None:
+            if (away_m := photo.tags.position.apart_m(*geotag[:2])) > _FAR_M:
                 far.append((away_m, photo.name))
-            photo = _at(photo, geotags[key])
+            photo = _at(photo, geotag)
         placed.append(photo)
     placed = _with_own_accuracy(placed, is_moved)
     remarks: list[Line] = [
-        as_note(f"positions of {len(used)} of {len(photos)} photographs are those of {name}")
+        as_note(f"positions of {len(geotag_of)} of {len(photos)} photographs are those of {name}")
     ]
     if far:
         remarks.append(
@@ -156,10 +149,17 @@ def _placed(
             f"in their tags ({listed([photo for _, photo in far])}): check signs, order and datum of its "
             "coordinates"
         )
-    if other := sorted(set(geotags) - used):
-        names = listed([brief(each, 40) for each in other])
+    several = [*matches.ambiguous, *matches.unclear]
+    if several:
         remarks.append(
-            f"{name} has positions of {counted(len(other), 'file')} that are none of them ({names})"
+            f"{name} has positions of {counted(len(several), 'name')} that may be of several photographs, "
+            "and none of these is used "
+            f"({listed([brief(each, 40) for each in several])}); write the folders too"
+        )
+    if matches.unknown:
+        names = listed([brief(each, 40) for each in sorted(matches.unknown)])
+        remarks.append(
+            f"{name} has positions of {counted(len(matches.unknown), 'file')} that are none of them ({names})"
         )
     return placed, remarks
 
@@ -179,10 +179,6 @@ def _with_own_accuracy(photos: Sequence[Photo], is_moved: Sequence[bool]) -> lis
         else photo
         for photo, moved in zip(photos, is_moved, strict=True)
     ]
-
-
-def _stem(photo: Photo) -> str:
-    return photo.path.stem.casefold()
 
 
 def _at(photo: Photo, told: tuple[float, ...]) -> Photo:

@@ -29,6 +29,25 @@ def test_positions_by_folder_where_names_are_the_same(tmp_path):
     assert flight.gps.altitude_m == pytest.approx(np.array([1000, 1001]) * 0.3048)
 
 
+def test_names_are_found_as_those_of_control_points_are(tmp_path):
+    """Paths of another machine lead to the photograph by its name; those of another flight do not."""
+    folder = tmp_path / "yard"
+    rows = b"filename,latitude,longitude,altitude\nD:\\photos\\yard\\P0.JPG,31.5,-98.5,100\n"
+    rows += b"D:\\photos\\roof\\P0.JPG,1,2,3\n"
+    flight = import_photos(fill(folder, strip(2) | {"geotags.csv": rows}))
+    assert flight.gps.latitude_deg == pytest.approx([31.5, 30.0001])
+    assert warned(flight, "positions of 1 of 2 photographs are those of geotags.csv")
+    assert warned(flight, "1 file that are none of them", "roof")
+
+
+def test_a_name_of_several_photographs_is_told_and_not_used(tmp_path):
+    files = {f"{k}/a.jpg": data for k, data in enumerate(strip(2).values())}
+    rows = b"filename,latitude,longitude,altitude\na.jpg,31.5,-98.5,100\n0/a.jpg,31.6,-98.5,100\n"
+    flight = import_photos(fill(tmp_path, files | {"geotags.csv": rows}))
+    assert flight.gps.latitude_deg == pytest.approx([31.6, 30.0001])
+    assert warned(flight, "1 name that may be of several photographs", "(a.jpg); write the folders too")
+
+
 def test_a_table_with_an_unknown_unit_is_told_and_not_used(tmp_path):
     rows = b"filename,latitude,longitude,altitude [furlong]\nP0.jpg,31.5,-98.5,100\n"
     flight = import_photos(fill(tmp_path, strip(2) | {"geotags.csv": rows}))
