@@ -206,6 +206,7 @@ PACKAGES = {
             "quantiles",
             "quaternions",
             "se3",
+            "significance",
             "triple",
             "compilation",
             "wording",

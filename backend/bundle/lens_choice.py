@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from backend.bundle.graph import BundleProblem, Variables
 from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, prior_calibration, prior_covariance
-from backend.bundle.lens_evidence import VERY_STRONG
 from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import undistorted
 from backend.errors import BackendError
+from backend.significance import VERY_STRONG_NATS
 from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def fisheye_by_evidence(
         gain = _log_evidence(fisheye, found.error) - _log_evidence(optimum, error)
     except (BackendError, SingularMatrixError):
         return None
-    return (problem, found.at) if gain > VERY_STRONG else None
+    return (problem, found.at) if gain > VERY_STRONG_NATS else None
 
 
 def _log_evidence(optimum: BundleOptimum, error: float) -> float:

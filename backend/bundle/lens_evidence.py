@@ -28,10 +28,6 @@ from backend.measurements import PinholeModel
 
 Array = NDArray[np.float64]
 
-VERY_STRONG = 5.0
-"""Logarithm of the ratio of two marginal likelihoods from which the evidence is very strong (Kass and Raftery
-1995, section 3.2)."""
-
 
 def log_evidence_of_priors(optimum: BundleOptimum, cameras: Sequence[PinholeModel]) -> Array:
     """Return the logarithms of the marginal likelihoods of the lenses of ``cameras``, up to a constant.

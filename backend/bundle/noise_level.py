@@ -15,7 +15,7 @@ from backend.measurements import Position
 
 Array = NDArray[np.float64]
 
-_NOMINAL_COUNT = 20
+NOMINAL_COUNT = 20
 """Weight of a nominal noise level, as a number of residuals."""
 
 
@@ -39,13 +39,11 @@ def least_std(before: float, count: int, absorbed: Array) -> float:
 def pooled(nominal: float, found: float, count: int) -> float:
     """Pool a nominal standard deviation with that of ``count`` residuals, ``found``.
 
-    If the latter is smaller, the nominal one counts as `_NOMINAL_COUNT` more residuals, since a few residuals
+    If the latter is smaller, the nominal one counts as `NOMINAL_COUNT` more residuals, since a few residuals
     may be small by chance. One degree of freedom is spent on the scale (ranges) or the tilt (attitudes).
     """
     squares, dof = count * found**2, count - 1
-    return float(
-        np.sqrt(max(squares / dof, (_NOMINAL_COUNT * nominal**2 + squares) / (_NOMINAL_COUNT + dof)))
-    )
+    return float(np.sqrt(max(squares / dof, (NOMINAL_COUNT * nominal**2 + squares) / (NOMINAL_COUNT + dof))))
 
 
 def _left(count: int, absorbed: Array) -> float:

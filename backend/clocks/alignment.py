@@ -35,6 +35,7 @@ from backend.clocks.picture_clock import (
 )
 from backend.measurements import InertialReadings
 from backend.preintegration.integrals import integrate
+from backend.significance import RIVAL_CHI_SQUARE
 
 Array = NDArray[np.float64]
 
@@ -50,8 +51,6 @@ _WINDOWS = 12
 """Windows of time whose lags show the drift."""
 _BLOCK_S = 1.0
 """Duration of blocks whose evidence counts as independent: turns of a vehicle last about so long."""
-_EQUAL = 9.0
-"""Evidence that is three standard deviations; a rival that is nearer is as good."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ def align_turns(turns: Turns, readings: InertialReadings) -> AlignmentResult:
         return AlignmentResult(None)
     best = tried[0]
     others = [fit for fit in tried[1:] if abs(fit.found.lag_s - best.found.lag_s) > _SEARCH_S]
-    rivals = [fit.found.lag_s for fit in others if _surely(best.blocks - fit.blocks) < _EQUAL]
+    rivals = [fit.found.lag_s for fit in others if _surely(best.blocks - fit.blocks) < RIVAL_CHI_SQUARE]
     return AlignmentResult(None, (best.found.lag_s, *rivals)) if rivals else AlignmentResult(best.found)
 
 

@@ -20,6 +20,7 @@ from backend.clocks.delay_residuals import (
 )
 from backend.clocks.grid_posterior import grid_posterior
 from backend.measurements import InertialReadings
+from backend.significance import RIVAL_CHI_SQUARE
 
 Array = NDArray[np.float64]
 
@@ -36,8 +37,6 @@ _ROUNDS = 3
 _FINE_STEP_S, _FINE_S = 0.001, NOTABLE_S
 """Step and reach of the search around a delay: within a step, a lively vehicle changes its rate by less than
 the noise of gyro and pictures."""
-_AS_LIKELY = 9.0
-"""Difference of a log-likelihood, times -2, that is three standard deviations."""
 GAIN_ERROR, _GAIN_SURE = 0.1, 3.0
 """Largest error of a gyro's gain, three times what makers of small ones state, and standard deviations of the
 gain that are allowed besides."""
@@ -244,7 +243,7 @@ def _likeliest_step(residuals: DelayResiduals) -> tuple[int, int]:
     lasts_s = residuals.begin_s[starts] - residuals.end_s[stops - 1]
     usual_s = float(np.median(residuals.end_s - residuals.begin_s))
     unusual = np.abs(lasts_s - step_s - np.where(stops < starts, usual_s, 0.0))
-    best = int(np.argmin(np.where(cost < cost.min() + _AS_LIKELY, unusual, np.inf)))
+    best = int(np.argmin(np.where(cost < cost.min() + RIVAL_CHI_SQUARE, unusual, np.inf)))
     return int(stops[best]), int(starts[best])
 
 

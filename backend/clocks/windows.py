@@ -30,12 +30,10 @@ from backend.clocks.picture_clock import (
     robust_cost,
 )
 from backend.measurements import InertialReadings
+from backend.significance import FALSE_ALARM
 
 Array = NDArray[np.float64]
 
-FALSE_ALARM = 1e-3
-"""Probability that a flight with a right clock is reported: one in a thousand is rarer than clocks that are
-wrong."""
 _TURNS = 8
 """Fewest turns of a window: 24 components, which determine seven parameters and leave twice as many."""
 _FITTED = 7

@@ -8,6 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import nominal_errors
+
 Array = NDArray[np.float64]
 CloneMode = Literal["none", "first", "each"]
 """Pose that the filter clones: none, that of the first requested time, or of each one until the next."""
@@ -99,7 +101,11 @@ READINGS = {
 
 @dataclass(frozen=True)
 class FilterModel:
-    """Model of vehicle and instruments beyond white noise; values are standard deviations."""
+    """Model of vehicle and instruments beyond white noise; values are standard deviations.
+
+    The defaults are those of a quiet vehicle in still air. For a flight all are replaced but the gate,
+    the patience and the correlation times of errors (`slam.inertial.filter_input`).
+    """
 
     accel_m_s2: float = 6.0
     accel_time_s: float = 0.1
@@ -107,10 +113,10 @@ class FilterModel:
     rate_rad_s: float = 2.0
     rate_time_s: float = 0.1
     """Time constant of the body rate, likewise."""
-    gyro_offset_rad_s: float = 0.02
+    gyro_offset_rad_s: float = nominal_errors.GYRO_OFFSET_RAD_S
     gyro_walk_rad_s2: float = 1e-5
     """Random walk, per root Hz."""
-    accel_offset_m_s2: float = 0.3
+    accel_offset_m_s2: float = nominal_errors.ACCEL_OFFSET_M_S2
     accel_walk_m_s3: float = 1e-4
     """Random walk, per root Hz."""
     tilt_error_rad: float = 0.05
@@ -124,7 +130,7 @@ class FilterModel:
     velocity_error_m_s: float = 0.0
     velocity_error_time_s: float = 1.0
     """Time constant of the correlated error of the velocity."""
-    barometer_walk_m: float = 0.1
+    barometer_walk_m: float = nominal_errors.BAROMETER_WALK_M
     """Random walk of the zero, per root second."""
     b_beam: tuple[float, float, float] = (0.0, 0.0, -1.0)
     """Unit vector of the range's beam in body axes."""

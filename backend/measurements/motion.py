@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import nominal_errors
+
 Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.80665
@@ -38,15 +40,14 @@ class InertialNoise:
     """m/s²/sqrt(Hz)."""
     gyro_walk: float = 1e-4
     """Random walk of the bias, rad/s²/sqrt(Hz)."""
-    accel_walk: float = 1e-3
+    accel_walk: float = nominal_errors.ACCEL_WALK_M_S3
     """m/s³/sqrt(Hz)."""
-    gyro_offset_rad_s: float = 0.02
-    accel_offset_m_s2: float = 0.3
-    gain_ratio: float = 0.02
+    gyro_offset_rad_s: float = nominal_errors.GYRO_OFFSET_RAD_S
+    accel_offset_m_s2: float = nominal_errors.ACCEL_OFFSET_M_S2
+    gain_ratio: float = nominal_errors.ACCEL_GAIN_RATIO
     """Error of the accelerometer's gain on each axis. Half of its variance is common to all axes."""
-    gyro_gain_ratio: float = 0.03
-    """Relative error of the gains of the gyro: the tolerance of common sensors (InvenSense MPU-6050 product
-    specification 3.4, section 6.1)."""
+    gyro_gain_ratio: float = nominal_errors.GYRO_GAIN_RATIO
+    """Relative error of the gains of the gyro."""
     arm_m: float = 0.1
     """Error of the position of the accelerometer on the body, on each axis."""
     delay_s: float = 0.0125
@@ -97,9 +98,9 @@ class ReportedMotion:
     """Nominal noise, where the pictures tell too little."""
     gain_std: float = 0.1
     """Relative error that all velocities along an axis share."""
-    bias_m_s: float = 0.06
+    bias_m_s: float = nominal_errors.VELOCITY_ERROR_M_S
     """Standard deviation of a constant error of the velocity, on each axis."""
-    drift_rad_s: float = 0.02
+    drift_rad_s: float = nominal_errors.GYRO_OFFSET_RAD_S
     """Standard deviation of a constant drift of the yaw."""
     lag_s: float = 0.1
     """Standard deviation of the time by which the velocities are late."""

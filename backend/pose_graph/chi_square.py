@@ -8,8 +8,9 @@ import numpy as np
 
 from backend.pose_graph.problem import Problem
 from backend.quantiles import chi_square_limit, chi_square_quantile
+from backend.significance import FALSE_ALARM
 
-SIGNIFICANCE = 1e-3
+SIGNIFICANCE = FALSE_ALARM
 """Significance level of the global test and of all gates, and limit of the false discovery rate."""
 _FAR_BELOW = 0.1
 """Ratio of a chi-square to its degrees of freedom below which the stated covariances are questioned."""

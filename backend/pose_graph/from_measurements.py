@@ -14,13 +14,13 @@ from backend import se3
 from backend.errors import BackendError
 from backend.measurements import EdgeKind, Measurements, RelativePose
 from backend.pose_graph import unary_factors
+from backend.pose_graph.graph import NOT_RIGID
 from backend.pose_graph.problem import Problem, square_roots
 from backend.pose_graph.unary_factors import UnaryFactor
 
 Array = NDArray[np.float64]
 
 _BODY_UP = np.array([0.0, 0.0, 1.0])
-_NOT_RIGID = 1e-3
 _KINDS = get_args(EdgeKind)
 _AT_ONCE = 1_000
 """Number of edges per block."""
@@ -88,7 +88,7 @@ def _rigid(edges: tuple[RelativePose, ...], n: int) -> Array:
     finite = np.asarray(np.isfinite(T).all(axis=(1, 2)))
     R = np.where(finite[:, None, None], T[:, :3, :3], np.eye(3))
     off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0)
-    bad = np.flatnonzero(~finite | (off > _NOT_RIGID) | (np.linalg.det(R) < 0))
+    bad = np.flatnonzero(~finite | (off > NOT_RIGID) | (np.linalg.det(R) < 0))
     if len(bad):
         raise BackendError(
             f"{_edge(edges[bad[0]])} is not a finite rigid transform ({len(bad)} such); drop it"

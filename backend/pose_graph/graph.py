@@ -15,14 +15,15 @@ from backend.wording import counted, either
 
 Array = NDArray[np.float64]
 
-_NOT_RIGID = 1e-3
+NOT_RIGID = 1e-3
+"""Largest deviation of a rotation from an exact one that rounding in a file explains."""
 _ZERO_EIGENVALUE = 1e-9
 """Eigenvalue of the information (scaled to unit diagonal) below which it counts as zero: files round."""
 MAX_INFORMATION = 1e20
 """Limit of the information (rad^-2, m^-2): doubles do not resolve its deviation of 1e-10 m at 1000 km, and
 residuals would be errors of rounding."""
-_NO_INFORMATION = 1e-10
-"""Information (rad^-2, m^-2) that counts as zero."""
+MIN_INFORMATION = 1e-10
+"""Information (rad^-2, m^-2) that counts as none: a standard deviation of 100 km, or of 100 000 rad."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class PoseGraph:
     def is_rank_deficient(self) -> NDArray[np.bool_]:
         """(m,) True if the information of an edge is only positive semi-definite."""
         size = np.sqrt(np.maximum(np.diagonal(self.information, axis1=1, axis2=2), 0))
-        size[size**2 < _NO_INFORMATION] = 1
+        size[size**2 < MIN_INFORMATION] = 1
         # Radians and metres differ in size.
         unit = self.information / size[:, :, None] / size[:, None]
         return np.asarray(np.linalg.eigvalsh(unit)[:, 0] < _ZERO_EIGENVALUE)
@@ -103,7 +104,7 @@ class PoseGraph:
 def rank_deficient_warning(graph: PoseGraph) -> list[str]:
     """Return one warning about edges with singular information; an empty list if there is none."""
     has_information = (
-        np.diagonal(graph.information, axis1=1, axis2=2).max(axis=1, initial=0) > _NO_INFORMATION
+        np.diagonal(graph.information, axis1=1, axis2=2).max(axis=1, initial=0) > MIN_INFORMATION
     )
     blind = np.flatnonzero(graph.is_rank_deficient & has_information)
     if len(blind) == 0:
@@ -186,7 +187,7 @@ def _rigid(T: Array) -> NDArray[np.bool_]:
         R = T[:, :3, :3]
         off = R @ np.swapaxes(R, 1, 2) - np.eye(3)
         turn = np.einsum("na,na->n", np.cross(R[:, 0], R[:, 1]), R[:, 2])
-        near = (np.abs(off).max(axis=(1, 2), initial=0) < _NOT_RIGID) & (turn > 0)
+        near = (np.abs(off).max(axis=(1, 2), initial=0) < NOT_RIGID) & (turn > 0)
         return np.asarray(near & np.isfinite(T.sum(axis=(1, 2))))
 
 

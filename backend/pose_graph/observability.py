@@ -12,6 +12,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from backend import se3
 from backend.gauge import format_keys, graph_components, key_name
+from backend.pose_graph.graph import MIN_INFORMATION
 from backend.pose_graph.linear import jacobian
 
 Array = NDArray[np.float64]
@@ -19,8 +20,6 @@ Array = NDArray[np.float64]
 _MAX_DENSE_SIZE = 1200
 _ZERO_EIGENVALUE = 1e-10
 """Eigenvalue of the normal matrix with unit diagonal below which a direction counts as unobserved."""
-_MIN_INFORMATION = 1e-10
-"""Information (rad^-2, m^-2) of a row below which its size counts, and not its direction alone."""
 _MAX_DIRECTIONS = 14
 _GENERATORS = ("roll", "pitch", "heading", "x", "y", "height", "scale")
 
@@ -83,7 +82,7 @@ def null_space(J: csc_array) -> Array:
     """
     dim = J.shape[1]
     size = np.sqrt(np.asarray(J.multiply(J).sum(axis=1)).ravel())
-    J = csc_array(diags_array(1 / np.maximum(size, np.sqrt(_MIN_INFORMATION))) @ J)
+    J = csc_array(diags_array(1 / np.maximum(size, np.sqrt(MIN_INFORMATION))) @ J)
     length = np.sqrt(np.asarray(J.multiply(J).sum(axis=0)).ravel())
     length[length == 0] = 1
     scaled = J @ diags_array(1 / length)

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.errors import BackendError
-from backend.pose_graph.graph import PoseGraph, check
+from backend.pose_graph.graph import MIN_INFORMATION, PoseGraph, check
 from backend.pose_graph.unary_factors import UnaryFactor, fixed, gtsam_poses
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-MIN_INFORMATION = 1e-10
-"""Information (rad^-2, m^-2) that counts as none: a standard deviation of 100 km, or of 100 000 rad."""
 _LARGEST_ROOT = 0.9e8
 """Square root of information below which gtsam's diagonal model is none of its constraints: those begin at a
 standard deviation of 1e-8."""

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.significance import RARE_LOG_CHANCE
 from slam.data_quality.channels import InstrumentReadings
 from slam.data_quality.finding import Finding
 
 Array = NDArray[np.float64]
 
-LOG_CHANCE = -20.0
-"""Logarithm of the greatest probability of a run of equal readings that counts, of about 10^5."""
 SHORTER = 2.0 / 3.0
 FEWEST_RUNS = 3
 """Least number of frozen runs that may be at any value and at any time. Of fewer, those count that lie
@@ -98,7 +97,7 @@ def _shortest_improbable(count: Array, readings: int) -> float:
     shorter = np.searchsorted(of_length, SHORTER * of_length)
     share = (equal[shorter] + 1.0) / (of_all[shorter] + 1.0)
     log_chance = np.log(readings) + (of_length - 1.0) * np.log(np.minimum(share, 0.9))
-    improbable = of_length[log_chance < LOG_CHANCE]
+    improbable = of_length[log_chance < RARE_LOG_CHANCE]
     return float(improbable[0]) if len(improbable) else np.inf
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
+from backend.significance import RARE_LOG_CHANCE
 from slam.data_quality.channels import InstrumentReadings
 from slam.data_quality.finding import Finding
 
@@ -23,8 +24,6 @@ LOWEST_HZ = 3.0
 NEIGHBOURS = 120
 """Number of neighbouring bins that give the noise level. With 40 of them its error makes a line of noise seem
 seven times as improbable as it is, and one healthy vehicle was reported as oscillating."""
-LOG_CHANCE = -20.0
-"""Logarithm of the greatest probability of a reported line; about 10^5 bins are tested."""
 FEWEST = 256
 GREATER_PART = 0.5
 """Least share of the fast variance that is in the line: rotors leave fainter ones in healthy recordings."""
@@ -83,7 +82,7 @@ def _line(name: str, unit: str, stamps_s: Array, column: Array) -> tuple[float, 
     fast = frequency > LOWEST_HZ
     chance = np.where(fast, log_tail(over_neighbours(power), 1), 0.0)
     k = int(np.argmin(chance))
-    if chance[k] > LOG_CHANCE:
+    if chance[k] > RARE_LOG_CHANCE:
         return None
     of_line = float(power[max(k - 2, 0) : k + 3].sum())
     share = of_line / float(power[fast].sum())
@@ -111,7 +110,7 @@ def common_line(channel: str, series: Sequence[tuple[Array, float]]) -> Vibratio
     frequency = np.arange(bins) / longest_s
     log_chance = np.where(frequency > LOWEST_HZ, log_tail(total, len(series)), 0.0)
     k = int(np.argmin(log_chance))
-    if log_chance[k] > LOG_CHANCE:
+    if log_chance[k] > RARE_LOG_CHANCE:
         return None
     return Vibration(float(frequency[k]), float(log_chance[k] / np.log(10.0)), channel=channel)
 

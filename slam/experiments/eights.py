@@ -32,6 +32,7 @@ from slam.evaluation.thesis_values import (
     VISUAL_MM,
 )
 from slam.evaluation.trajectory import gauge
+from slam.experiments.chain_comparison import ALIKE
 from slam.experiments.experiment import Conclusion, Experiment, Row, Trial, over_seeds, text, verdict
 from slam.experiments.stitching import PICTURE_S, at_pace, every_picture
 from slam.mapping.front_end import Observations
@@ -50,8 +51,6 @@ OURS = "simulated"
 VELOCITY, VISUAL, MAP = "velocity, integrated", "visual odometry", "one map"
 LEAST_KNOWN = 0.9
 """Share of the pictures that must have a position: below it a method has lost its way."""
-ALIKE = 2.0
-"""Largest ratio of two errors, either way, that agree: a thesis quotes one flight of each kind."""
 _PERCENTS = tuple(sorted({*RESOLUTION_M, *SIMULATED_RESOLUTION_M}))
 
 

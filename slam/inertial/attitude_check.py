@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.significance import SIGMAS_OF_SEVERAL
 from slam.core.flight import Flight
 from slam.core.names import enumerated
 from slam.data_quality.axes import wrong_axes
@@ -28,8 +29,6 @@ from slam.inertial.variogram import white_density
 Array = NDArray[np.float64]
 
 _ANGLES, _AXES = ("roll", "pitch", "yaw"), ("x", "y", "z")
-_SURE = 4.0
-"""Standard deviations by which a gain or a mount must be off."""
 _GAIN, _TURN_DEG = 1.5, 15.0
 """Least ratio and angle that are told. Measured flights have 0.91 to 1.05, and up to 6 deg."""
 _ABOVE_NOISE = 3.0
@@ -102,7 +101,7 @@ def _other_mounts(regression: _Regression) -> list[str]:
     for j, k in combinations(range(3), 2):
         angle = np.degrees(np.arctan2((gain[j, k] - gain[k, j]) / 2, (gain[j, j] + gain[k, k]) / 2))
         angle_std = np.degrees(np.hypot(std[j, k], std[k, j]) / 2)
-        if abs(angle) - _SURE * angle_std > _TURN_DEG:
+        if abs(angle) - SIGMAS_OF_SEVERAL * angle_std > _TURN_DEG:
             lines.append(
                 f"imu0 turns as if it was mounted {abs(angle):.0f} deg about its {_AXES[3 - j - k]} axis "
                 f"beside attitude0: {_CHECK} T_BS of imu0"
@@ -114,7 +113,7 @@ def _other_gains(regression: _Regression) -> list[str]:
     """Return a line for each angle that changes by another factor than the gyro shows."""
     lines = []
     for k, angle in enumerate(_ANGLES):
-        gain, margin = regression.gain[k, k], _SURE * regression.std[k, k]
+        gain, margin = regression.gain[k, k], SIGMAS_OF_SEVERAL * regression.std[k, k]
         if gain - margin > _GAIN or gain + margin < 1 / _GAIN:
             lines.append(
                 f"{angle} of attitude0 changes by {gain:.2g} times what imu0's gyro shows: {_CHECK} the gain "

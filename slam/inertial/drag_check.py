@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.significance import SURE_SIGMAS
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.window_means import window_means
 
@@ -30,8 +31,6 @@ _DRAG_1_S, _DRAG_FACTOR = 0.4, 2.0
 """Median of the drag coefficient and its standard deviation as a factor. Measured flights gave 0.3 to 0.6."""
 _DRAGS_1_S = _DRAG_1_S * np.geomspace(_DRAG_FACTOR**-2, _DRAG_FACTOR**2, 41)
 """Coefficients that are tried, to two standard deviations."""
-_SURE = 3.0
-"""Standard deviations within which the fitted drag coefficient and the accelerometer may be wrong."""
 _LIGHT_BREEZE_M_S, _FRESH_BREEZE_M_S = 1.6, 8.0
 """Least winds of 2 and 5 on Beaufort's scale. One feels the first on the face; small drones do not fly in the
 second."""
@@ -67,10 +66,10 @@ def air_velocity(flight: Flight, trust: InertialTrust = InertialTrust()) -> AirV
     mean, spread = without_drag.mean(axis=1), np.maximum(without_drag.var(axis=1, ddof=1), 1e-12)
     prior = -0.5 * (np.log(_DRAGS_1_S / _DRAG_1_S) / np.log(_DRAG_FACTOR)) ** 2
     log_probability = prior - 0.5 * len(force) * np.log(spread).sum(axis=1)
-    possible = log_probability > log_probability.max() - 0.5 * _SURE**2
+    possible = log_probability > log_probability.max() - 0.5 * SURE_SIGMAS**2
     v_m_s = mean / _DRAGS_1_S[:, None]
     std_m_s = np.sqrt(trust.accel_offset_m_s2**2 + spread.max(axis=1) / len(force)) / _DRAGS_1_S
-    least = np.hypot(*v_m_s.T) - _SURE * std_m_s
+    least = np.hypot(*v_m_s.T) - SURE_SIGMAS * std_m_s
     return AirVelocity(v_m_s[np.argmax(log_probability)], float(least[possible].min()))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.ekf.inputs import Series
+from backend.measurements import nominal_errors
 from slam.core.errors import InputError, one_line
 from slam.core.geodesy import enu_from_geodetic
 from slam.core.rotations import rotation_of
@@ -31,11 +32,11 @@ _DEFAULT_RATE, _DEFAULT_ACCEL = CorrelatedProcess(2.0, 1.0), CorrelatedProcess(3
 class InertialTrust:
     """Assumed errors of instruments in addition to their nominal noise, as standard deviations."""
 
-    gyro_offset_rad_s: float = 0.02
+    gyro_offset_rad_s: float = nominal_errors.GYRO_OFFSET_RAD_S
     gyro_walk_rad_s2: float = 1e-3
     """Random walk of the gyro's bias where none is stated, and the least one of the filter, per root Hz."""
-    accel_offset_m_s2: float = 0.3
-    accel_walk_m_s3: float = 1e-3
+    accel_offset_m_s2: float = nominal_errors.ACCEL_OFFSET_M_S2
+    accel_walk_m_s3: float = nominal_errors.ACCEL_WALK_M_S3
     """The same of the accelerometer's bias."""
     attitude_floor_rad: float = 0.003
     """Least white noise of the on-board attitude."""
@@ -43,15 +44,15 @@ class InertialTrust:
     """Correlated error of its tilt; wind and long accelerations caused 8 degrees in an AR.Drone."""
     yaw_walk_rad: float = 0.035
     """Random walk of its yaw, per root second; that of an AR.Drone drifted by 17 degrees in 73 s."""
-    range_floor_m: float = 0.005
+    range_floor_m: float = nominal_errors.RANGE_FLOOR_M
     velocity_floor_m_s: float = 0.02
-    velocity_error_m_s: float = 0.06
-    """Correlated error of the velocity besides its scale, that of an AR.Drone against motion capture."""
+    velocity_error_m_s: float = nominal_errors.VELOCITY_ERROR_M_S
+    """Correlated error of the velocity besides its scale."""
     gps_floor_m: float = 0.5
     gps_time_s: float = 5.0
     """Correlation time of the errors of fixes."""
-    barometer_floor_m: float = 0.1
-    barometer_walk_m: float = 0.1
+    barometer_floor_m: float = nominal_errors.BAROMETER_FLOOR_M
+    barometer_walk_m: float = nominal_errors.BAROMETER_WALK_M
     """Random walk of the barometric height, per root second."""
     start_speed_m_s: float = 1.0
     """Standard deviation of the initial velocity without a measurement."""

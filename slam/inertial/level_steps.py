@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from backend.clocks.delay_residuals import turn_costs
 from backend.clocks.gap_steps import LONGEST_LAG_S
+from backend.significance import SURE_SIGMAS
 from slam.core.flight import Flight
 from slam.core.messages import Message
 from slam.core.stream_anomalies import stuck_ranges
@@ -26,6 +27,7 @@ from slam.inertial.imu_motion import (
     delay_grid,
     readings_in_world,
 )
+from slam.inertial.velocity_check import LARGEST_GAIN
 from slam.inertial.zero_velocity import still_times
 
 Array = NDArray[np.float64]
@@ -39,10 +41,6 @@ _FAR: Mapping[str, float] = {"velocity": 8.0, "sonar": 20.0}
 """Stream -> size of a step in median steps. Steps that explain as much of their window have up to 5 in the
 velocity of healthy measured flights, and up to 13 in their ranges; one of 0.5 m/s has 12, one of 0.4 m 33. A
 barometer is left out: gusts look like steps, and its zero is free to walk."""
-_UNIT = 2.0
-"""Largest ratio that noise and gains explain, as for a velocity; feet are 3.28 times as many as metres."""
-_SURE = 3.0
-"""Standard deviations of the correlation of changes that have nothing in common."""
 _UNIT_OF = {"velocity": "m/s", "sonar": "m"}
 
 
@@ -77,7 +75,7 @@ def _lines(flight: Flight, name: str, motion: ImuMotion) -> Iterator[str]:
             "shows no such motion: the readings before or after it are wrong; check its zero and unit"
         )
     ratio = None if name == "velocity" else _ratio(flight, name, motion)  # `velocity_contradiction` does it
-    if ratio is not None and not 1 / _UNIT < ratio < _UNIT:
+    if ratio is not None and not 1 / LARGEST_GAIN < ratio < LARGEST_GAIN:
         yield (
             f"{folder} changes by {ratio:.2g} times what imu0 shows (unit?): heights are not to be trusted; "
             f"check the unit and sign of {folder}"
@@ -148,7 +146,7 @@ def _ratio(flight: Flight, name: str, motion: ImuMotion) -> float | None:
     made = read - residuals.difference[:, best]
     size, of_made = float((read**2).sum()), float((made**2).sum())
     product = float((read * made).sum())
-    if product**2 < _SURE**2 * size * of_made * 2 / len(read):
+    if product**2 < SURE_SIGMAS**2 * size * of_made * 2 / len(read):
         return None
     # Noise of either makes one of the two ratios too far from 1.
     ratios = sorted((product / of_made, float(np.sqrt(size / of_made)) * float(np.sign(product))), key=abs)

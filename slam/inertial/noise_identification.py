@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from backend.ekf.inputs import READINGS, Readings, VisualStep, renumber_steps
 from backend.quantiles import chi_square_quantile
+from backend.significance import STRONG_NATS
 from slam.core.progress import Progress, silent
 from slam.inertial.filter_input import Adjustments, FilterInput, filter_input
 from slam.inertial.instruments import InertialTrust
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MAX_DURATION_S = 120.0
-SIGNIFICANT_NATS = 3.0
-"""Gain of log-likelihood, in nats, that a candidate must exceed."""
 _TINY = 1e-9
 _PREDICTED = ("attitude", "range", "velocity", "position", "barometer")
 _SCORED = (*_PREDICTED, "pictures")
@@ -108,7 +107,7 @@ def identify_noise(
     for parameters in candidates:
         ideal = replace(trust, **parameters)
         likelihood = trial.likelihood(ideal, found)
-        if likelihood > best + SIGNIFICANT_NATS:
+        if likelihood > best + STRONG_NATS:
             trust, best = ideal, likelihood
     return filter_input(flight, trust, found)
 
@@ -134,7 +133,7 @@ def _best_candidate(
             best, gain, worse = candidate, likelihood - before, 0
         elif (worse := worse + 1) == _GIVE_UP:
             break
-    return best if gain > SIGNIFICANT_NATS else found
+    return best if gain > STRONG_NATS else found
 
 
 def _ideal_candidates(flight: Flight, trust: InertialTrust) -> list[dict[str, float]]:

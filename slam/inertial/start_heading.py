@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.errors import BackendError
+from backend.significance import STRONG_NATS
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.inertial.filter_input import START_YAW_STD_RAD, Adjustments, StartHeading, filter_input
 from slam.inertial.instruments import InertialTrust
@@ -28,8 +29,6 @@ _HEADINGS_RAD = np.arange(12) * np.pi / 6
 """Headings that are tried, so close that the best one is off by half of `START_YAW_STD_RAD` at most."""
 _UNKNOWN_STD_RAD = np.pi / np.sqrt(3)
 """Standard deviation of an angle that may be any."""
-_SIGNIFICANT_NATS = 3.0
-"""Log-likelihood by which the best heading must exceed all that end elsewhere."""
 
 
 def find_start_heading(flight: Flight, trust: InertialTrust, lasts_s: float) -> StartHeading | None:
@@ -53,7 +52,7 @@ def find_start_heading(flight: Flight, trust: InertialTrust, lasts_s: float) -> 
     best = int(np.argmax(scores))
     off_rad = np.abs(np.angle(np.exp(1j * (ends_rad - ends_rad[best]))))
     rivals = scores[off_rad > 1.5 * _HEADINGS_RAD[1]]
-    if not scores[best] > rivals.max(initial=-np.inf) + _SIGNIFICANT_NATS:
+    if not scores[best] > rivals.max(initial=-np.inf) + STRONG_NATS:
         return StartHeading(0.0, _UNKNOWN_STD_RAD, is_known=False)
     start = StartHeading(float(_HEADINGS_RAD[best]), START_YAW_STD_RAD)
     smoothed = _tracked(flight, trust, start, lasts_s, START_ROUNDS).smoothed

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from backend.preintegration.integrals import gaps
+from backend.significance import SURE_SIGMAS
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.inertial.filter_input import filter_input
 from slam.inertial.instruments import InertialTrust
@@ -31,8 +32,6 @@ Array = NDArray[np.float64]
 _STEP_S, _WINDOW_S = 0.05, 2.0
 """Velocities are compared every step after their mean over the window is subtracted: errors of tilt and
 accelerometer add up more slowly."""
-_SURE = 3.0
-"""Standard deviations of the correlation of two velocities that have nothing in common."""
 _PARTS, _SURE_IN_PARTS = (2, 4), 4.0
 """Numbers of parts that are looked at alone, and the standard deviations that their six comparisons need."""
 _SURE_OF_ZERO = 4.0
@@ -52,8 +51,8 @@ _AXES: Mapping[str, Array] = {
     "forward and left exchanged and turned round": np.array([[0.0, -1.0], [-1.0, 0.0]]),
 }
 """Mistakes in the axes: the matrix by which a velocity (n, 2), forward and left, is multiplied."""
-_UNIT = 2.0
-"""Largest ratio that noise and gains explain; another unit differs by 3.28 (feet) at least."""
+LARGEST_GAIN = 2.0
+"""Largest ratio of two changes that noise and gains explain; another unit differs by 3.28 (feet) at least."""
 
 
 def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust()) -> str:
@@ -87,7 +86,7 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
     if (np.ptp(velocity.v_m_s[known], axis=0) == 0).all():
         return f"velocity0 does not change while imu0 shows that the vehicle accelerates (stuck?): {_CHECK}"
     count = _independent(len(at_s))
-    chance = _SURE / np.sqrt(count)
+    chance = SURE_SIGMAS / np.sqrt(count)
     read = {name: _changes(level @ axes, turn, ends) for name, axes in _AXES.items()}
     return (
         _other_axes(read, made, chance)
@@ -205,8 +204,8 @@ def _compared(read: Array, made: Array, chance: float, moved: float) -> str:
         return f"velocity0 does not change as imu0 shows (correlation {alike:.2f}; stuck, or axes?): {_CHECK}"
     if (
         alike > chance
-        and not 1 / _UNIT < np.sqrt(of_read / of_made) < _UNIT
-        and not 1 / _UNIT < larger < _UNIT
+        and not 1 / LARGEST_GAIN < np.sqrt(of_read / of_made) < LARGEST_GAIN
+        and not 1 / LARGEST_GAIN < larger < LARGEST_GAIN
     ):
         return f"velocity0 changes by {larger:.2g} times what imu0 shows (unit?): {_CHECK}"
     return ""

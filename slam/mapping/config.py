@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 
 from backend.bundle.graph import BundleConfig
-from backend.measurements import SAME_PLACE_HEIGHTS
+from backend.measurements import SAME_PLACE_HEIGHTS, nominal_errors
 from frontend.features import FeatureConfig
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
@@ -25,14 +25,14 @@ class SensorTrust:
     """Standard deviation of roll and pitch in the pose graph, as wind disturbs attitudes."""
     level_std_rad: float = 0.1
     """Standard deviation of roll and pitch where the camera is assumed to look straight down."""
-    range_floor_m: float = 0.005
+    range_floor_m: float = nominal_errors.RANGE_FLOOR_M
     """Least standard deviation of a range, whatever its sensor states."""
-    height_floor_m: float = 0.1
+    height_floor_m: float = nominal_errors.BAROMETER_FLOOR_M
     """Least standard deviation of a height by the barometer, whatever its sensor states."""
-    accel_gain_std: float = 0.02
+    accel_gain_std: float = nominal_errors.ACCEL_GAIN_RATIO
     """Relative standard deviation of an accelerometer's gains, which is that of lengths by it."""
-    gyro_gain_std: float = 0.03
-    """The same of a gyro: the tolerance of common ones (InvenSense MPU-6050 specification, section 6.1)."""
+    gyro_gain_std: float = nominal_errors.GYRO_GAIN_RATIO
+    """The same of a gyro."""
 
 
 @dataclass(frozen=True)

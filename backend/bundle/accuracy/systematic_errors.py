@@ -26,12 +26,11 @@ from backend.bundle.refinement import Bundle
 from backend.bundle.residual_spread import autocorrelated_std
 from backend.errors import BackendError
 from backend.quantiles import f_tail
+from backend.significance import FALSE_ALARM
 from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
 
-FALSE_ALARMS = 1e-3
-"""Probability that a map without such an error fails one of the tests."""
 _ROUNDING = 1e-9
 """Share of a column's squares that elimination must leave: less is rounding, and the column is unobserved."""
 
@@ -189,7 +188,7 @@ class _Scores:
 
         One kind after the other is added, and those that later ones make superfluous are left out.
         """
-        limit, found = FALSE_ALARMS / max(len(self.columns), 1), list[Kind]()
+        limit, found = FALSE_ALARM / max(len(self.columns), 1), list[Kind]()
         while True:
             left = {kind: self._p_value(kind, found) for kind in self.columns if kind not in found}
             best = min(left, key=left.__getitem__, default=None)

@@ -25,6 +25,7 @@ from backend.bundle.inertial.graph import (
     add_inertial,
 )
 from backend.bundle.minimise import BundleOptimum
+from backend.bundle.noise_level import NOMINAL_COUNT
 from backend.bundle.pose_side_factors import Kind, PoseSideFactors
 from backend.bundle.reduced_system import LinearSystem
 from backend.errors import BackendError
@@ -36,8 +37,6 @@ Array = NDArray[np.float64]
 
 _DRAWS = 16
 """Draws of noise; with 100 intervals they measure the redundancy to a few percent."""
-_NOMINAL_COUNT = 20
-"""Weight of the nominal noise, as a number of residuals."""
 _FALSE_CUTS = 1e-3
 """Probability that any of the intervals is cut by chance."""
 _MOST_TRIMS = 20
@@ -128,7 +127,7 @@ def estimate_inertial_noise(optimum: BundleOptimum) -> tuple[InertialNoiseFactor
 
 def _factor(before: float, found: float, expected: float) -> float:
     """Return the factor on the nominal noise, from squares at the factor ``before`` and expected ones."""
-    return float(np.sqrt((found * before**2 + _NOMINAL_COUNT) / (expected + _NOMINAL_COUNT)))
+    return float(np.sqrt((found * before**2 + NOMINAL_COUNT) / (expected + NOMINAL_COUNT)))
 
 
 def _residuals_of_draws(linear: LinearSystem) -> Array:

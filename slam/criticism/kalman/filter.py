@@ -43,6 +43,7 @@ from slam.criticism.kalman.readings import (
 )
 from slam.criticism.kalman.sensitivity import carry, correct_sensitivity, direct_change, force
 from slam.criticism.kalman.transition import (
+    NUDGE,
     POLE,
     covariance_step,
     jacobian,
@@ -67,7 +68,6 @@ STANDS_M_S = 0.05
 """Greatest vertical speed of a vehicle that stands on the floor, in m/s."""
 SONAR_MARGIN = 4.0
 """Ranges predicted within so many standard deviations of the limits are ignored: half of them are missing."""
-_NUDGE = 1e-6
 
 
 @inner_kernel
@@ -122,11 +122,11 @@ def measurement(event: int, filtered: FilterRun) -> None:
     for j in RATES_READ[kind]:
         if j < 0:
             break
-        moved[j] += _NUDGE
+        moved[j] += NUDGE
         reading(kind, state, moved, sensor, parameters, pole_s, elapsed, beside)
         moved[j] = rate[j]
         for c in range(width):
-            x = (beside[c] - predicted[c]) / _NUDGE
+            x = (beside[c] - predicted[c]) / NUDGE
             by_rate[c, j] = x
             if x != 0.0:
                 for i in range(state.shape[0]):
@@ -134,11 +134,11 @@ def measurement(event: int, filtered: FilterRun) -> None:
     for j in STATES_READ[kind]:
         if j < 0:
             break
-        nudged[j] += _NUDGE
+        nudged[j] += NUDGE
         reading(kind, nudged, rate, sensor, parameters, pole_s, elapsed, beside)
         nudged[j] = state[j]
         for c in range(width):
-            rows[c, j] += (beside[c] - predicted[c]) / _NUDGE
+            rows[c, j] += (beside[c] - predicted[c]) / NUDGE
     if kind == IMU:
         # The IMU reads the acceleration of the noise like any other.
         fast = noise_share(state[Z], parameters) / pole_s

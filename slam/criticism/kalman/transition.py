@@ -53,7 +53,7 @@ CLEAR_M = 0.2
 """This far above the floor's influence only terms with a rotor radius depend on the height."""
 NEARLY = 1e-4
 """Two time constants with a smaller relative difference count as equal."""
-_NUDGE = 1e-6
+NUDGE = 1e-6
 """Step of the differences that make the Jacobian: the equations are smooth and in SI."""
 
 
@@ -100,42 +100,42 @@ def jacobian(
     for j in (Z, VX, VY, ROLL, PITCH, YAW):
         if j == Z and clear:
             continue
-        full[j] += _NUDGE
+        full[j] += NUDGE
         turned_c, turned_s, tilted_ahead, tilted_aside = c, s, ahead, aside
         if j == VX:
-            full[VZ] += _NUDGE
-            full[YAW_RATE] += _NUDGE
+            full[VZ] += NUDGE
+            full[YAW_RATE] += NUDGE
         elif j == ROLL:
-            tilted_aside += by_roll * _NUDGE
+            tilted_aside += by_roll * NUDGE
         elif j == PITCH:
-            tilted_ahead += ahead_by_pitch * _NUDGE
-            tilted_aside += aside_by_pitch * _NUDGE
+            tilted_ahead += ahead_by_pitch * NUDGE
+            tilted_aside += aside_by_pitch * NUDGE
         elif j == YAW:
-            turned_c, turned_s = c - s * _NUDGE, s + c * _NUDGE
+            turned_c, turned_s = c - s * NUDGE, s + c * NUDGE
         rates(full, turned_c, turned_s, tilted_ahead, tilted_aside, command, noise, parameters, beside)
         full[j], full[VZ], full[YAW_RATE] = state[j], state[VZ], state[YAW_RATE]
         for i in range(MOVING):
             # The share of hold noise that remains near the floor must not serve to measure the height.
             if j != Z or i == VZ:
-                matrix[i, j] = (beside[i] - rate[i]) / _NUDGE
+                matrix[i, j] = (beside[i] - rate[i]) / NUDGE
     for i in (Z, VZ):
         matrix[i, VZ], matrix[i, VX] = matrix[i, VX], 0.0
     for i in (YAW, YAW_RATE):
         matrix[i, YAW_RATE], matrix[i, VX] = matrix[i, VX], 0.0
     for i in range(GUST_X):
-        noise[i] += _NUDGE
+        noise[i] += NUDGE
     rates(full, c, s, ahead, aside, command, noise, parameters, beside)
     for i in range(3):
-        matrix[i, BEHIND + i] = (beside[i] - rate[i]) / _NUDGE
-        matrix[VX + i, BEHIND + i] = (beside[VX + i] - rate[VX + i]) / _NUDGE
+        matrix[i, BEHIND + i] = (beside[i] - rate[i]) / NUDGE
+        matrix[VX + i, BEHIND + i] = (beside[VX + i] - rate[VX + i]) / NUDGE
         is_used = YAW_RATE if i == 2 else ROLL + i
-        matrix[is_used, TARGET + i] = (beside[is_used] - rate[is_used]) / _NUDGE
+        matrix[is_used, TARGET + i] = (beside[is_used] - rate[is_used]) / NUDGE
         noise[ROLL_NOISE + i], noise[WX + i] = state[TARGET + i], state[BEHIND + i]
     for j in range(GUST, n):
-        noise[GUST_X + j - GUST] += _NUDGE
+        noise[GUST_X + j - GUST] += NUDGE
         rates(full, c, s, ahead, aside, command, noise, parameters, beside)
         for i in range(MOVING):
-            matrix[i, j] = (beside[i] - rate[i]) / _NUDGE
+            matrix[i, j] = (beside[i] - rate[i]) / NUDGE
         noise[GUST_X + j - GUST] = state[j]
 
 

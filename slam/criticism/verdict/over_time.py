@@ -26,6 +26,7 @@ from slam.criticism.kalman.innovations import Run
 from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS, fitted_parameter
 from slam.criticism.search.information import FisherInformation
+from slam.criticism.search.quadratic_likelihood import RIDGE
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
 from slam.criticism.verdict.held_out import held_out
@@ -44,7 +45,6 @@ LARGE = 0.5
 """Least scatter beyond chance, as a share of the size."""
 LEVEL = ("accel_bias.x", "accel_bias.y")
 """Columns along which an attitude error acts like an error of the accelerometer."""
-RIDGE = 1e-9
 TRIMMED = 0.15
 """Least share of a parameter's information on either side of the moment of a change."""
 CERTAIN_Z = 5.0

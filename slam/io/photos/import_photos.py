@@ -33,12 +33,12 @@ from slam.io.photos.exif import PhotoTags
 from slam.io.photos.geotag_table import with_geotags
 from slam.io.photos.gps import photo_gps
 from slam.io.photos.photo_set import AttitudeSource, Photo, select_photos
+from slam.io.photos.position import HEIGHT_ABOVE_TAKEOFF_STD_M
 from slam.io.photos.timestamp_marks import with_marks
 from slam.io.transparent_pixels import transparent_pixels
 
 Array = NDArray[np.float64]
 
-_BAROMETER_STD_M = 1.0
 _SECOND_NS = 10**9
 
 
@@ -159,7 +159,11 @@ def _attitude(
 def _heights_above_takeoff(tags: Sequence[PhotoTags], stamps_s: Array) -> Scalar | None:
     known = [k for k, t in enumerate(tags) if t.position.height_above_takeoff_m is not None]
     height_m = np.array([tags[k].position.height_above_takeoff_m for k in known], dtype=float)
-    return Scalar(stamps_s[known], height_m, _BAROMETER_STD_M, assumed=("noise_std",)) if known else None
+    return (
+        Scalar(stamps_s[known], height_m, HEIGHT_ABOVE_TAKEOFF_STD_M, assumed=("noise_std",))
+        if known
+        else None
+    )
 
 
 def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[Line, ...]]:

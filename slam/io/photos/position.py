@@ -25,6 +25,9 @@ RTK_SOLUTIONS = {0: "without a position", 16: "single", 34: "float", 50: "fixed"
 """Solutions by DJI's ``RtkFlag``. A single or float one has errors of decimetres to metres."""
 _LIKE_WGS_84 = re.compile(r"(WGS|ITRF|ETRS|NAD83|GDA|JGD|CGCS|NZGD|SIRGAS|GRS80)", re.IGNORECASE)
 """Begin of names of datums, without blanks and hyphens, from which WGS 84 differs by two metres at most."""
+HEIGHT_ABOVE_TAKEOFF_STD_M = 1.0
+"""Assumed standard deviation of a height above the take-off, which drones have from their barometer and which
+no tag and no subtitle states."""
 UNSIGNED = "so the sign is unknown"
 """Words that mark a fault of a missing letter N, S, E or W."""
 

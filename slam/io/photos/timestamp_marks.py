@@ -35,7 +35,7 @@ _LINE = re.compile(
     rf"{_NUMBER},{_NUMBER},{_NUMBER}\s+(\d+),\s*Q\s*"
 )
 _FILE_NAME = re.compile(r"_?Timestamp\.MRK$", re.IGNORECASE)
-"""What follows the name of the flight."""
+"""The end of the name of a file, after the name of the flight."""
 _NUMBER_IN_NAME = re.compile(r"(?:^|_)(\d{3,4})(?:_[A-Z]+)?$", re.IGNORECASE)
 """The number at the end of DJI's names, ``100_0001_0012`` and ``DJI_20250101120000_0012_V``."""
 _SAME_PLACE_M, _SIGMAS = 2.0, 3.0

@@ -7,19 +7,18 @@ import numpy as np
 from backend.bundle.barometer import GAIN, HEIGHTS, height_gain, read_and_mapped
 from backend.bundle.refinement import Bundle
 from backend.bundle.residual_spread import autocorrelated_std
+from backend.significance import SIGMAS_OF_SEVERAL
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import up_stds
 from slam.core.instrument_errors import BarometerErrors
 from slam.core.messages import Message, about
 
 _LEAST_HEIGHTS = 15
-"""The scatter of so many residuals is known to a fifth (1 / sqrt(2 (n - 2))): `_SURE` deviations are more
+"""The scatter of so many residuals is known to a fifth (1 / sqrt(2 (n - 2))): four deviations are more
 than three."""
 _MOST_GAIN = 1.5
 """Ratio of changes of height that no air temperature makes. A height is proportional to it (see
 `backend.bundle.barometer`): from 1 / 1.5 to 1.5 times 288 K are 192 to 432 K. Feet are 3.3 or 0.3 times."""
-_SURE = 4.0
-"""Standard deviations from which on a ratio is no chance."""
 _CLEAR = 3.0
 """Least ratio of the spread of the map's heights to their standard deviation. Their noise lowers the slope by
 the square of its inverse, a ninth, which is far from 1 / `_MOST_GAIN` (Fuller 1987, section 1.1.1)."""
@@ -63,7 +62,7 @@ def barometer_warning(bundle: Bundle | None) -> Message | None:
     std = max(autocorrelated_std((read - gain * z)[:, None]), stated_m) / np.sqrt(squares)
     # Each reading is off by half of a step at most: the largest error of the slope.
     by_rounding = 0.5 * float(np.median(steps_m)) * float(np.abs(z).sum()) / squares
-    if 1 / _MOST_GAIN < gain < _MOST_GAIN or abs(gain - 1) < _SURE * std + by_rounding:
+    if 1 / _MOST_GAIN < gain < _MOST_GAIN or abs(gain - 1) < SIGMAS_OF_SEVERAL * std + by_rounding:
         return None
     return about(
         "barometer0",

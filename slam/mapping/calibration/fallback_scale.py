@@ -14,6 +14,7 @@ from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
 from backend.measurements import AlignedPair, BarometerHeight, FloorTracks, Measurements, ReportedMotion
+from backend.significance import SIGMAS_OF_SEVERAL
 from slam.mapping.front_end import Observations
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.part_measurements import part_measurements
@@ -25,8 +26,6 @@ _MOST_SCALE_STD = 0.3
 """Largest relative deviation of a scale that is worth stating: lengths may else be wrong by two times."""
 
 WRONG_SIGN = "it falls where the camera climbs; check its sign (altitude grows upwards)"
-_SURE = 4.0
-"""Standard deviations from which on a sign is not chance."""
 _NOT_COVERED = "its readings do not cover the pictures"
 
 OnStep = Callable[[int, float], None]
@@ -128,4 +127,4 @@ def falls_where_the_camera_climbs(heights: Sequence[BarometerHeight], w_T_b: Arr
         return False
     read, z = read_and_mapped(heights, w_T_b)
     correlation = height_gain(read, z) * float(z.std()) / max(float(read.std()), 1e-12)
-    return bool(np.arctanh(np.clip(correlation, -0.999, 0.999)) * np.sqrt(len(z) - 3) < -_SURE)
+    return bool(np.arctanh(np.clip(correlation, -0.999, 0.999)) * np.sqrt(len(z) - 3) < -SIGMAS_OF_SEVERAL)

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from backend.bundle.accuracy.systematic_errors import ErrorTest, SystematicErrors
 from backend.bundle.accuracy.systematic_terms import LENS_KINDS, Kind
-from backend.bundle.lens_evidence import VERY_STRONG, log_evidence_of_priors
+from backend.bundle.lens_evidence import log_evidence_of_priors
 from backend.bundle.refinement import Bundle
+from backend.significance import VERY_STRONG_NATS
 from backend.sparse_cholesky import SingularMatrixError
 from frontend.camera import Camera
 from slam.core.lens_priors import PLAUSIBLE_FOCAL, as_assumed, as_nominal
@@ -154,7 +155,7 @@ def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, Message | None
         return camera, None
     evidence = _evidence(camera, trial)
     best = int(np.argmax(evidence))
-    if evidence[best] - evidence[0] <= VERY_STRONG:
+    if evidence[best] - evidence[0] <= VERY_STRONG_NATS:
         return camera, None
     if odd := OddFocal.of(camera, trial):
         return camera, odd.warning(used=False)

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 from backend.bundle.refinement import Bundle
 from backend.bundle.reported.factor import BIAS, CHANNELS, GAINS, LAG
 from backend.bundle.reported.graph import REPORTED
+from backend.significance import SURE_SIGMAS
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.instrument_errors import VelocityErrors
 from slam.core.messages import Message, as_note
 
-_SURE = 3.0
-"""Standard deviations from which on an error is not chance."""
 _GAIN, _OFFSET_M_S, _FADING_M_S = 0.1, 0.1, 0.12
 """Errors that are worth a warning: as large as usual ones of on-board velocities, or twice as large."""
 
@@ -50,9 +49,9 @@ def velocity_warning(found: VelocityErrors | None) -> Message | None:
     for axis, name in enumerate(("forward", "left")):
         gain, gain_std = found.gain[axis], found.gain_std[axis]
         offset, offset_std = found.offset_m_s[axis], found.offset_std_m_s[axis]
-        if abs(gain - 1) > max(_GAIN, _SURE * gain_std):
+        if abs(gain - 1) > max(_GAIN, SURE_SIGMAS * gain_std):
             words.append(f"{gain:.2f} ± {gain_std:.2g} times the speed {name}")
-        if abs(offset) > max(_OFFSET_M_S, _SURE * offset_std):
+        if abs(offset) > max(_OFFSET_M_S, SURE_SIGMAS * offset_std):
             words.append(f"{offset:+.2f} ± {offset_std:.2g} m/s too much {name}")
         if found.fading_m_s[axis] > _FADING_M_S:
             words.append(f"± {found.fading_m_s[axis]:.2g} m/s {name} that change over the flight")

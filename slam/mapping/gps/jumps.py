@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.quantiles import f_limit
+from backend.significance import FALSE_ALARM
 from slam.mapping.gps.consensus import MEDIAN_OF_RAYLEIGH, nominal_limit_m
 
 Array = NDArray[np.float64]
 
-FALSE_ALARM = 1e-3
-"""Probability that fixes with Gaussian noise show a jump."""
 LEAST_STEPS = 6
 
 

@@ -20,6 +20,7 @@ from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose, ReportedMotion
 from backend.quantiles import chi_square_limit
+from backend.significance import FALSE_ALARM
 from slam.core.messages import Message
 from slam.mapping.calibration.lens import calibrated
 from slam.mapping.control_points import ControlComparison
@@ -32,9 +33,6 @@ from slam.mapping.setup import Setup
 from slam.mapping.warnings.convergence import convergence_warnings
 
 Array = NDArray[np.float64]
-
-_FALSE_ALARM = 1e-3
-"""Probability that a good IMU is left out."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +188,7 @@ def _damage(parts: Map, members: NDArray[np.int64], bundle: Bundle) -> str:
             for x, C in zip(off[1:], P[1:], strict=True)
             if np.isfinite(C).all()
         ]
-    if moved and max(moved) > chi_square_limit(_FALSE_ALARM / len(moved), 6):
+    if moved and max(moved) > chi_square_limit(FALSE_ALARM / len(moved), 6):
         return "it would bend the map by more than the errors of the pictures"
     damage = inertial.damage(optimum.values, bundle.noise.inertial) if inertial is not None else ""
     return damage or reported_damage(optimum)

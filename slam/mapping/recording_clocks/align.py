@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from backend.clocks.alignment import ClockAlignment, align_turns
 from backend.clocks.lag_profile import finer_lag, lag_profile
 from backend.clocks.picture_clock import SURE
+from backend.significance import RIVAL_CHI_SQUARE
 from slam.core.errors import InputError
 from slam.core.units import with_error
 from slam.mapping.recording_clocks.motion import RecordedMotion
@@ -18,8 +19,6 @@ Array = NDArray[np.float64]
 
 _APART_S = 5.0
 """Speeds change over some seconds: a second lag so near is the same peak."""
-_EQUAL = 9.0
-"""Evidence that is three standard deviations; a rival that is nearer is as good."""
 _MOST_NAMED = 4
 
 
@@ -121,7 +120,7 @@ def _by_speed(
     if best < SURE**2:
         return None, ()
     near = np.interp(lags_s, profile.lags_s, profile.evidence)
-    rivals = lags_s[near > best - _EQUAL]
+    rivals = lags_s[near > best - RIVAL_CHI_SQUARE]
     if len(rivals) > 1:
         return None, tuple(rivals.tolist())
     mean_s, std_s = finer_lag(moved.speed[1], reference.speed[1], profile, float(lags_s[0]))

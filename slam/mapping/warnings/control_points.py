@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from backend.quantiles import chi_square_limit
+from backend.significance import FALSE_ALARM
 from backend.wording import either
 from slam.core.control_points import ControlReport
 from slam.core.names import listed
 from slam.mapping.control_points import LEAST_POINTS
-from slam.mapping.warnings.gps_offset import FALSE_ALARM, offset_warnings
+from slam.mapping.warnings.gps_offset import offset_warnings
 
 
 def control_warnings(report: ControlReport) -> list[str]:

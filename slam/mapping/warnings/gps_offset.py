@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.quantiles import chi_square_limit
+from backend.significance import FALSE_ALARM
 from slam.core.control_points import ControlReport
 from slam.core.messages import Message, as_note
 from slam.core.names import enumerated
@@ -15,8 +16,6 @@ from slam.core.units import FOOT_M, length
 
 Array = NDArray[np.float64]
 
-FALSE_ALARM = 1e-3
-"""Probability of a line about an offset where nothing is wrong."""
 _DATUMS_M = 5.0
 """Standard deviation, along x and y, of what positions without corrections share, and of datums that follow
 different continents: metres."""

@@ -9,6 +9,7 @@ import numpy as np
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.bundle.accuracy.systematic_terms import Kind, lens_displacement
 from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, is_uncertain, prior_calibration, prior_covariance
+from backend.significance import SURE_SIGMAS
 from frontend.camera import Camera
 from slam.core.instrument_errors import AntennaPlace
 from slam.core.lens_priors import as_nominal
@@ -18,8 +19,6 @@ from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.map import Map
 from slam.mapping.part_measurements import pinhole_model
 
-_CERTAIN = 3.0
-"""Standard deviations from zero above which a component is reported."""
 _PATTERN: Mapping[Kind, tuple[str, str]] = {
     "radial": ("cam0", "the residuals grow with the radius in the same way in all pictures"),
     "decentring": (
@@ -192,7 +191,7 @@ def _term(kind: Kind, found: SystematicErrors, camera: Camera, height_m: float) 
     coefficients = np.array(found.coefficients[kind])
     if kind == "position offset":
         each = zip(("forward", "left"), coefficients, found.stds[kind], strict=True)
-        sure = [f"{axis} {at:+.2f} ± {std:.1g} m" for axis, at, std in each if abs(at) > _CERTAIN * std]
+        sure = [f"{axis} {at:+.2f} ± {std:.1g} m" for axis, at, std in each if abs(at) > SURE_SIGMAS * std]
         alike_px = float(np.linalg.norm(coefficients)) / height_m * camera.focal_px[0]
         sure.append(f"as much as {_figure(alike_px)} px of the principal point")
         return f"positions off by {', '.join(sure)}"

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SEGMENT_S = 10.0
+"""Length of the drawn part of a flight."""
 RESTART_S = 2.0
 """Length of consecutive roll-outs."""
 FEWEST_SAMPLES = 20

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.significance import FALSE_ALARM
 from frontend.mosaic.view import MAX_OFF_NADIR
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
@@ -24,8 +25,6 @@ _FARTHER = 1 / math.cos(MAX_OFF_NADIR)
 """Distance to what a part shows, over its height above the floor of the map, up to which it is drawn: that of
 level ground where a tilted picture is not drawn any more. Straight down it is a valley two flying heights
 deep."""
-_CHANCE = 1e-3
-"""Probability that the fixes of one place lie farther apart than is allowed for their noise."""
 
 
 def looking_elsewhere(estimate: Estimate, flight: Flight) -> dict[int, str]:
@@ -44,7 +43,7 @@ def looking_elsewhere(estimate: Estimate, flight: Flight) -> dict[int, str]:
     by_pictures_m = np.array([np.linalg.norm(link.i_T_j[:3, 3]) for link in links])
     by_fixes_m = np.linalg.norm(fix_m[j] - fix_m[i], axis=1)
     # Of two fixes with normal noise in two directions (Rayleigh's distribution).
-    noise_m = math.sqrt(2 * -2 * math.log(_CHANCE)) * max(gps.noise_std_m[:2])
+    noise_m = math.sqrt(2 * -2 * math.log(FALSE_ALARM)) * max(gps.noise_std_m[:2])
     is_far = by_fixes_m - noise_m > _FARTHER * by_pictures_m
     found: dict[int, str] = {}
     for part in range(1, int(component.max()) + 1):

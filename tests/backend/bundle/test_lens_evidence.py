@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from backend.bundle import lens_evidence
-from backend.bundle.lens_evidence import VERY_STRONG, log_evidence_of_priors
+from backend.bundle.lens_evidence import log_evidence_of_priors
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.refinement import refine
 from backend.measurements import FloorTracks
+from backend.significance import VERY_STRONG_NATS
 from tests.backend.bundle.made_scenes import SEEDS, WRONG_LENS
 from tests.backend.made_floor import Scene, make
 
@@ -42,7 +43,7 @@ def test_a_lens_that_is_as_told_is_not_doubted():
 @pytest.mark.parametrize("focal_ratio", [0.9, 1.1])
 def test_a_wrong_focal_length_is_refuted(focal_ratio: float):
     found = evidence(replace(SCENE, focal_ratio=focal_ratio), 0)
-    assert found[2] > found[1] > VERY_STRONG
+    assert found[2] > found[1] > VERY_STRONG_NATS
 
 
 @pytest.mark.parametrize("focal_ratio", [0.9, 1.1])
@@ -54,9 +55,11 @@ def test_a_map_under_the_told_prior_shows_that_a_wider_one_is_better(focal_ratio
 @pytest.mark.slow
 def test_the_evidence_follows_the_size_of_the_error():
     """The wider of two priors is the better one only for errors that the narrower does not expect."""
-    assert max(evidence(replace(SCENE, focal_ratio=1.005), seed)[1:].max() for seed in SEEDS) < VERY_STRONG
+    assert (
+        max(evidence(replace(SCENE, focal_ratio=1.005), seed)[1:].max() for seed in SEEDS) < VERY_STRONG_NATS
+    )
     small = [evidence(replace(SCENE, focal_ratio=1.04), seed) for seed in SEEDS]
-    assert all(found[1] > max(found[2], VERY_STRONG) for found in small)
+    assert all(found[1] > max(found[2], VERY_STRONG_NATS) for found in small)
 
 
 @pytest.mark.slow

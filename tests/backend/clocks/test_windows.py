@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from backend.clocks.windows import FALSE_ALARM, ClockDisagreement, clock_disagreements
+from backend.clocks.windows import ClockDisagreement, clock_disagreements
 from backend.measurements import InertialReadings
+from backend.significance import FALSE_ALARM
 
 IMU_S, PICTURE_S = 0.005, 0.125
 

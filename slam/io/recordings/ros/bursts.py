@@ -28,8 +28,8 @@ Message = Any
 
 _AROUND_S = 0.2
 """Readings so long before and after the pictures are read: some of a slow attitude."""
-_LONGEST_TRANSPORT_S = 10.0
-"""A header that is farther from the time of recording has another clock."""
+LONGEST_TRANSPORT_S = 10.0
+"""A message is recorded within seconds: a header farther from the time of recording has another clock."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _messages(bag: OpenBag, topic: str, start_ns: int) -> Iterator[tuple[int, fl
         stamp_ns = recorded_ns
         if hasattr(message, "header"):
             stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        if abs(stamp_ns - recorded_ns) > _LONGEST_TRANSPORT_S * 1e9:
+        if abs(stamp_ns - recorded_ns) > LONGEST_TRANSPORT_S * 1e9:
             stamp_ns = recorded_ns
         yield recorded_ns, stamp_ns * 1e-9, message
 

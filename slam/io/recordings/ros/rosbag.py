@@ -32,7 +32,7 @@ from slam.io.recordings.recording import (
 )
 from slam.io.recordings.ros import camera as ros_camera
 from slam.io.recordings.ros.bag_file import DESCRIPTION, Bag
-from slam.io.recordings.ros.bursts import BodyChannel, bursts_of
+from slam.io.recordings.ros.bursts import LONGEST_TRANSPORT_S, BodyChannel, bursts_of
 from slam.io.recordings.ros.companions import (
     Companion,
     companion_of,
@@ -59,8 +59,6 @@ Array = NDArray[np.float64]
 Message = Any
 
 _PROGRESS_STEP = 500
-_LONGEST_TRANSPORT_S = 10.0
-"""A message is recorded within seconds; a longer delay is another clock."""
 _TF = "/tf_static"
 
 
@@ -239,12 +237,12 @@ def _one_clock(series: dict[str, TopicSeries]) -> list[Line]:
         if len(each.stamps_ns)
     }
     shift_s, warnings = 0.0, list[Line]()
-    if not late_s or max(late_s.values()) - min(late_s.values()) <= _LONGEST_TRANSPORT_S:
+    if not late_s or max(late_s.values()) - min(late_s.values()) <= LONGEST_TRANSPORT_S:
         return []
     previous_s = -np.inf
     for name in sorted(late_s, key=late_s.__getitem__):
-        if late_s[name] - previous_s > _LONGEST_TRANSPORT_S:
-            shift_s = late_s[name] if abs(late_s[name]) > _LONGEST_TRANSPORT_S else 0.0
+        if late_s[name] - previous_s > LONGEST_TRANSPORT_S:
+            shift_s = late_s[name] if abs(late_s[name]) > LONGEST_TRANSPORT_S else 0.0
         previous_s = late_s[name]
         if shift_s:
             each = series[name]

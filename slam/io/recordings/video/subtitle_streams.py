@@ -17,6 +17,7 @@ from slam.core.streams import Gps
 from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, tilt_deg
 from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px
+from slam.io.photos.position import HEIGHT_ABOVE_TAKEOFF_STD_M
 from slam.io.recordings.recording import Offer, StreamReadings
 from slam.io.recordings.video.model_lens import FILM_WIDTH_MM, ModelLens
 from slam.io.recordings.video.subtitles import Subtitles, changed_rows
@@ -28,7 +29,6 @@ _FOCAL_STD_RATIO, _RADIAL_STD = 0.1, 0.1
 """Standard deviations of its focal length (relative) and k1. Makers relate the focal length on 35 mm film
 to the width or to the diagonal of the sensor, and video modes crop the picture.
 """
-_BAROMETER_STD_M = 1.0
 _ASSUMED: Mapping[str, Value] = {"assumed": ["noise_std"]}
 """The subtitles state no accuracy."""
 _ZOOM_RATIO = 1.01
@@ -77,7 +77,7 @@ def _gps(subtitles: Subtitles) -> StreamReadings:
 
 
 def _barometer(subtitles: Subtitles) -> StreamReadings:
-    nominal: dict[str, Value] = {"noise_std": [repr(_BAROMETER_STD_M)], **_ASSUMED}
+    nominal: dict[str, Value] = {"noise_std": [repr(HEIGHT_ABOVE_TAKEOFF_STD_M)], **_ASSUMED}
     return _readings(subtitles, subtitles.column("height")[:, None], nominal)
 
 
