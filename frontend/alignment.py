@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.edge_windows import (
     WINDOW_PX,
+    CornerPrior,
     CornerStep,
-    Held,
     by_corners,
     is_structured,
     mean_shift,
@@ -287,7 +287,7 @@ def _at_level(
             return None
         last = number == STEPS or (found is not None and np.abs(found.step).max() < STILL_PX[level])
         off = (transfer(H @ np.linalg.inv(expected), corners) - corners).ravel()
-        found = solved(windows, corners, floor_px, side_px, None if last else Held(off, information))
+        found = solved(windows, corners, floor_px, side_px, None if last else CornerPrior(off, information))
         moved = (corners + found.step.reshape(4, 2)).astype(np.float32)
         H = np.asarray(cv2.getPerspectiveTransform(corners.astype(np.float32), moved) @ H, dtype=float)
         if not np.isfinite(H).all() or np.abs(found.step).max() > side_px:

@@ -65,7 +65,7 @@ class Camera:
     """Standard deviation of p1 and p2."""
     mount_std_rad: float | None = None
     """Standard deviation of the tilt of the mount, which is estimated above 0. None where nothing is told of
-    it, and 0 where it is exact: it is held in both."""
+    it, and 0 where it is exact: it is fixed in both."""
     readout_s: float = 0.0
     """Readout time. Row i of n is exposed readout_s i / (n - 1) after the stamp; 0 for a global shutter."""
     lens: LensModel = "brown"

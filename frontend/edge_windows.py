@@ -55,7 +55,7 @@ class EdgeWindows(NamedTuple):
     """(m, 2) information relative to that across an edge."""
 
 
-class Held(NamedTuple):
+class CornerPrior(NamedTuple):
     """Prediction of the corners of picture i."""
 
     off: Array
@@ -111,11 +111,11 @@ def measured(grey: Grey, same: Grey, common: NDArray[np.uint8], level: int) -> E
 
 
 def solved(
-    windows: EdgeWindows, corners: Array, floor_px: float, side_px: int, held: Held | None
+    windows: EdgeWindows, corners: Array, floor_px: float, side_px: int, prior: CornerPrior | None
 ) -> CornerStep:
     """Solve for the corners in the directions that the windows determine.
 
-    If they are ``held``, the corners stay as near to their prediction as its information says.
+    With a ``prior``, the corners stay as near to their prediction as its information says.
 
     Windows along a line see the same edge at a similar place between the pixels, so that the floor of their
     noise is common to as many of them as it takes a slanted line to move to another place.
@@ -138,9 +138,9 @@ def solved(
     step = directions[:, closed] @ (
         (directions[:, closed].T @ (J.T @ (robust * moved))) / information[closed]
     )
-    if held is not None:
-        right = J.T @ (robust * moved) / noise_px**2 - held.information @ held.off
-        step = np.linalg.solve(A / noise_px**2 + held.information, right)
+    if prior is not None:
+        right = J.T @ (robust * moved) / noise_px**2 - prior.information @ prior.off
+        step = np.linalg.solve(A / noise_px**2 + prior.information, right)
     variance = np.full(8, float(side_px) ** 2)
     variance[closed] = noise_px**2 / information[closed]
     return CornerStep(step, np.asarray((directions * variance) @ directions.T, dtype=float))

@@ -141,13 +141,13 @@ def verify(
         _Chunk(part, [expected(i, j) for i, j in part], StoredFeatures(store, {k for of in part for k in of}))
         for part in parts
     )
-    done, held = 0, 0
+    done, verified = 0, 0
     for results in share.map(_compared, _Comparison(camera, homography, gates), chunks):
         for result in results:
-            done, held = done + 1, held + result.ok
+            done, verified = done + 1, verified + result.ok
             on_done(done)
             yield result
-    _LOG.info("%d of %d loop candidates passed the geometric verification", held, len(pairs))
+    _LOG.info("%d of %d loop candidates passed the geometric verification", verified, len(pairs))
 
 
 def _compared(settings: _Comparison, chunk: _Chunk) -> list[Registration]:

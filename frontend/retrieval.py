@@ -116,19 +116,19 @@ def propose(signatures: Float, neighbours: int, gate: Gate) -> Candidates:
     """Propose the most similar keyframes of each one. ``signatures`` (n, w)."""
     index = InvertedFile(signatures)
     found: dict[tuple[int, int], float] = {}
-    held: dict[tuple[int, int], float] = {}
+    similarities: dict[tuple[int, int], float] = {}
     for j in range(len(signatures)):
         rows, similarity = index.candidates(signatures[j])
         open_to = gate(j, rows) & (rows != j)
         for k in _highest(similarity, neighbours + 1):
             if not open_to[k] and rows[k] != j:
-                held[_sorted(int(rows[k]), j)] = float(similarity[k])
+                similarities[_sorted(int(rows[k]), j)] = float(similarity[k])
         rows, similarity = rows[open_to], similarity[open_to]
         for k in _highest(similarity, neighbours):
             found[_sorted(int(rows[k]), j)] = float(similarity[k])
     return Candidates(
         tuple(sorted(found, key=lambda pair: -found[pair])),
-        tuple(sorted(held.keys() - found.keys(), key=lambda pair: -held[pair])),
+        tuple(sorted(similarities.keys() - found.keys(), key=lambda pair: -similarities[pair])),
     )
 
 

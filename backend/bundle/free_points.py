@@ -1,4 +1,4 @@
-"""Places of floor points by their pictures alone, with the cameras held: numba kernels.
+"""Places of floor points by their pictures alone, with the cameras fixed: numba kernels.
 
 A point that moved, or that was matched wrongly, has no place that all its pictures agree on. Its worst
 observations are left out one by one, until the others agree.

@@ -258,26 +258,26 @@ def _add_gauge(
     The first keyframe's height in the poses' unit is always fixed (the scale is another variable). Without
     positions its position, its heading and the floor's height are fixed too; so is an unobserved scale.
     """
-    held, free = 1e-5, 1e3
+    fixed_std, free_std = 1e-5, 1e3
     measured, placed = problem.measurements, problem.measurements.placed
-    first, plane = start.atPose3(POSE(0)), free if placed else held
-    place = gtsam.noiseModel.Diagonal.Sigmas(np.array([plane, plane, held]))
+    first, plane = start.atPose3(POSE(0)), free_std if placed else fixed_std
+    place = gtsam.noiseModel.Diagonal.Sigmas(np.array([plane, plane, fixed_std]))
     pose_side.add("gauge", gtsam.PoseTranslationPrior3D(POSE(0), first, place))
-    heading = gtsam.noiseModel.Diagonal.Sigmas(np.array([free, free, plane]))
+    heading = gtsam.noiseModel.Diagonal.Sigmas(np.array([free_std, free_std, plane]))
     pose_side.add("gauge", gtsam.PoseRotationPrior3D(POSE(0), first, heading))
-    sigmas = np.full(WORLD_SIZE, held)
-    sigmas[LOG_SCALE] = free if problem.has_scale else held
+    sigmas = np.full(WORLD_SIZE, fixed_std)
+    sigmas[LOG_SCALE] = free_std if problem.has_scale else fixed_std
     raised = measured.control or any(np.isfinite(p.std_m[2]) for p in measured.positions)
-    sigmas[FLOOR_Z] = _OPEN_M if raised else held
-    sigmas[LOG_GAIN] = max(measured.range_gain_std, held)
+    sigmas[FLOOR_Z] = _OPEN_M if raised else fixed_std
+    sigmas[LOG_GAIN] = max(measured.range_gain_std, fixed_std)
     # A beam measures a level within the relief with a constant bias, its tops for example.
     relief_m = noise.relief * float(np.exp(start.atVector(WORLD)[LOG_SCALE]))
-    sigmas[DATUM] = max(float(np.hypot(measured.range_datum_std_m, relief_m)), held)
-    sigmas[SLOPE] = noise.slope_rad if placed else held
-    sigmas[MOUNT] = max(problem.camera.mount_std_rad, held)
-    sigmas[OFFSET] = np.where(measured.axes_of_both, _OPEN_M, held)
+    sigmas[DATUM] = max(float(np.hypot(measured.range_datum_std_m, relief_m)), fixed_std)
+    sigmas[SLOPE] = noise.slope_rad if placed else fixed_std
+    sigmas[MOUNT] = max(problem.camera.mount_std_rad, fixed_std)
+    sigmas[OFFSET] = np.where(measured.axes_of_both, _OPEN_M, fixed_std)
     level, up = measured.antenna_std_m, max(measured.antenna_std_m, measured.antenna_up_std_m)
-    sigmas[ANTENNA] = np.maximum([level, level, up], held)
+    sigmas[ANTENNA] = np.maximum([level, level, up], fixed_std)
     world = start.atVector(WORLD)
     if problem.scale_prior is not None:
         sigmas[LOG_SCALE] = problem.scale_prior.log_std

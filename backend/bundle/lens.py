@@ -22,8 +22,8 @@ NAMES: Mapping[LensModel, tuple[str, ...]] = {
     "equidistant": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
 }
 
-_HELD = 1e-5
-"""Standard deviation of a number that is held; of the focal lengths as a ratio."""
+_FIXED_STD = 1e-5
+"""Standard deviation of a number that is fixed; of the focal lengths as a ratio."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class LensEstimate:
         The information of an estimate is that of the prior plus that of the flight. The flight has the larger
         share where the variance is below half of the prior's.
         """
-        return np.asarray((self.std**2 < 0.5 * self.prior_std**2) & (self.prior_std > _HELD))
+        return np.asarray((self.std**2 < 0.5 * self.prior_std**2) & (self.prior_std > _FIXED_STD))
 
 
 def is_uncertain(camera: PinholeModel) -> bool:
@@ -54,7 +54,7 @@ def is_uncertain(camera: PinholeModel) -> bool:
 
 
 def start_numbers(camera: PinholeModel) -> Array:
-    """Return the calibration (q,) to start with, which a held lens keeps."""
+    """Return the calibration (q,) to start with, which a fixed lens keeps."""
     return np.array([*camera.focal_px, *camera.center_px, *camera.distortion])
 
 
@@ -67,12 +67,12 @@ def prior_covariance(camera: PinholeModel) -> Array:
     """Return the covariance (q, q) of that prior."""
     focal = np.array(camera.focal_px)
     names = NAMES[camera.lens]
-    sigmas = np.full(len(names), _HELD)
-    # Held relatively: in pixels the two focal lengths would be so strongly tied that digits are lost.
-    sigmas[FOCAL] = focal * max(camera.aspect_std_ratio, _HELD)
-    sigmas[CENTER] = max(camera.center_std_px, _HELD)
-    sigmas[[name[0] == "k" for name in names]] = max(camera.radial_std, _HELD)
-    sigmas[[name[0] == "p" for name in names]] = max(camera.tangential_std, _HELD)
+    sigmas = np.full(len(names), _FIXED_STD)
+    # Fixed relatively: in pixels the two focal lengths would be so strongly tied that digits are lost.
+    sigmas[FOCAL] = focal * max(camera.aspect_std_ratio, _FIXED_STD)
+    sigmas[CENTER] = max(camera.center_std_px, _FIXED_STD)
+    sigmas[[name[0] == "k" for name in names]] = max(camera.radial_std, _FIXED_STD)
+    sigmas[[name[0] == "p" for name in names]] = max(camera.tangential_std, _FIXED_STD)
     covariance = np.diag(sigmas**2)
     covariance[FOCAL, FOCAL] += camera.focal_std_ratio**2 * np.outer(focal, focal)
     return covariance

@@ -41,7 +41,7 @@ def fisheye_by_evidence(
     """Return problem and variables of an equidistant fisheye, if it explains the observations much better.
 
     ``optimum`` has the ``error``, half the sum of squares, and ``start`` holds what nothing observes. The
-    result is None where the fisheye is not better, or where the model of the lens is stated or held.
+    result is None where the fisheye is not better, or where the model of the lens is stated or fixed.
     """
     brown = optimum.problem.camera
     prior = prior_calibration(brown)

@@ -164,8 +164,8 @@ class _Fit:
         pictures = np.bincount(self.track[used], minlength=len(height_std))
         # Each pose absorbs six degrees of freedom. A height absorbs the share that its prior in the fit
         # allows; the estimate of the prior gives the variance of what remains.
-        held = 1.0 / (1.0 + self.information * self.height_std**2)
-        left_z = held**2 * (1.0 + self.information * height_std**2)
+        shrunk = 1.0 / (1.0 + self.information * self.height_std**2)
+        left_z = shrunk**2 * (1.0 + self.information * height_std**2)
         left = 2 * float((pictures[pictures >= 2] - 1).sum())
         dof = max(1.0, left - float((1.0 - left_z)[pictures >= 2].sum()) - 6 * self.poses)
         evened = _evened(self.track[used], self.whitened[used])

@@ -94,7 +94,7 @@ class Bundle:
     """(n, 3, 3) covariance of the antenna's position at each pose, in world axes. With an estimated
     place it is smaller than that of the body, whose errors the antenna's undo."""
     lens: LensEstimate | None
-    """None if the calibration was held."""
+    """None if the calibration was fixed."""
     b_T_c: Array
     """(4, 4) estimated mount of the camera."""
     mount_std_rad: float
@@ -282,7 +282,7 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
 
 def _covariances(optimum: BundleOptimum) -> tuple[Array, Array, GroundSize]:
     """Return joint covariances (n, 6 + w, 6 + w) of each pose and the world, the calibration's (q, q), q = 0
-    if it is held, and the uncertainty of the ground's size; NaN if undetermined."""
+    if it is fixed, and the uncertainty of the ground's size; NaN if undetermined."""
     poses = [POSE(k) for k in range(optimum.problem.measurements.count)]
     q = start_numbers(optimum.problem.camera).size if optimum.problem.self_calibrates else 0
     try:

@@ -34,7 +34,7 @@ def sort_events(readings: Readings, at_s: Array, clone: CloneMode) -> FilterEven
         if step.j != step.i + 1 or not 0 <= step.i < len(at_s) - 1:
             raise BackendError(f"a step joins {step.i} and {step.j} of {len(at_s)}; steps join neighbours")
     series = {name: getattr(readings, field) for name, field in READINGS.items()}
-    parts = [_from_series(kinds.CHANNELS[name], held) for name, held in series.items() if held is not None]
+    parts = [_from_series(kinds.CHANNELS[name], each) for name, each in series.items() if each is not None]
     reached_s = at_s[[step.j for step in readings.steps]] if readings.steps else np.zeros(0)
     parts += [_without_values(kinds.STEP, reached_s), _without_values(kinds.OUTPUT, at_s)]
     clone_s = {"none": at_s[:0], "first": at_s[:1], "each": at_s}[clone]
@@ -59,12 +59,12 @@ _Part = tuple[Array, NDArray[np.int64], Array, Array, NDArray[np.int64]]
 """Stamps, kinds, values, stds, rows."""
 
 
-def _from_series(kind: int, held: Series) -> _Part:
-    usable = np.isfinite(held.stamps_s) & np.isfinite(held.values).any(axis=1)
-    stamps_s, kinds_, value, std, row = _without_values(kind, held.stamps_s[usable])
-    width = held.values.shape[1]
-    value[:, :width] = held.values[usable]
-    std[:, :width] = np.broadcast_to(held.std, held.values.shape)[usable]
+def _from_series(kind: int, readings: Series) -> _Part:
+    usable = np.isfinite(readings.stamps_s) & np.isfinite(readings.values).any(axis=1)
+    stamps_s, kinds_, value, std, row = _without_values(kind, readings.stamps_s[usable])
+    width = readings.values.shape[1]
+    value[:, :width] = readings.values[usable]
+    std[:, :width] = np.broadcast_to(readings.std, readings.values.shape)[usable]
     if not (std[:, :width] > 0).all():
         raise BackendError("a reading has a standard deviation that is not above zero; correct the noise")
     return stamps_s, kinds_, value, std, row

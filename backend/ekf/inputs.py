@@ -80,8 +80,10 @@ class Readings:
 
     def between(self, start_s: float, end_s: float) -> Readings:
         """Return the readings from ``start_s`` to ``end_s``, without steps."""
-        held = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "steps"}
-        inside = {name: series.between(start_s, end_s) for name, series in held.items() if series is not None}
+        present = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "steps"}
+        inside = {
+            name: series.between(start_s, end_s) for name, series in present.items() if series is not None
+        }
         return Readings(**inside)
 
 

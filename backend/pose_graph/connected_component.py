@@ -52,7 +52,7 @@ class SolvedComponent:
     iterations: int
     failure: str
     """Sentence that no start converged, or empty."""
-    held: str
+    unobserved: str
     open: tuple[str, ...]
     """Directions that neither a measurement nor the gauge fixes, as sentences."""
     doubts: tuple[str, ...]
@@ -67,7 +67,7 @@ class SolvedComponent:
 def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     """Solve one connected component. Raises ``BackendError`` if it has no solution."""
     start = initial_poses(problem)
-    priors, held = _gauge_priors(problem, start)
+    priors, open_directions = _gauge_priors(problem, start)
     gauge_fixed = GaugeFixedProblem(problem, priors, options)
     kept = np.ones(len(problem.i), dtype=bool)
     sigma = np.full(len(kept), np.nan)
@@ -109,7 +109,7 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         error=minimum.error,
         iterations=minimum.iterations,
         failure=_failure(problem, fit),
-        held=held,
+        unobserved=open_directions,
         open=still_open,
         doubts=tuple(s for s in (*contradictions, *disputes, "" if complete else _cut_off(problem)) if s),
         warnings=(*_far_readings(problem, fit), *unknown),

@@ -31,14 +31,14 @@ def lower_minimum(graph: PoseGraph, solution: Solution) -> Array | None:
         return None
     problem = from_pose_graph(graph).with_edges(solution.edge_kept)
     gauge_fixed = gauge_fixed_part(problem, solution.w_T_b)
-    held = int(np.argmax(graph.fixed))
+    anchor = int(np.argmax(graph.fixed))
     lowest = solution.error * (1 - _LOWER)
     w_T: Array | None = None
     by_odometry = initial_poses(replace(problem, initial=np.full_like(graph.poses, np.nan)))
     for start in (by_odometry, graph.poses):
         if not np.isfinite(start).all():
             continue
-        placed = solution.w_T_b[held] @ se3.inverse(start[held]) @ start
+        placed = solution.w_T_b[anchor] @ se3.inverse(start[anchor]) @ start
         try:
             fit = damped_fit(gauge_fixed, placed)
         except BackendError:

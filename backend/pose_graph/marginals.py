@@ -119,10 +119,10 @@ def _predicted(J: Array, covariance: Array) -> Array:
 def _embedded(covariances: Array) -> Array:
     """Return covariances (n, 6, 6) of poses from (n, 3, 3) or (n, 6, 6); NaN if rounding dominates them."""
     variance = np.diagonal(covariances, axis1=1, axis2=2)
-    sound = np.isfinite(covariances).all(axis=(1, 2)) & (variance >= 0).all(axis=1)
-    sound &= (variance < MAX_VARIANCE).all(axis=1)
+    valid = np.isfinite(covariances).all(axis=(1, 2)) & (variance >= 0).all(axis=1)
+    valid &= (variance < MAX_VARIANCE).all(axis=1)
     place = np.arange(6) if covariances.shape[1] == 6 else PLANAR
     out = np.zeros((len(covariances), 6, 6))
     out[:, place[:, None], place] = covariances
-    out[~sound] = np.nan
+    out[~valid] = np.nan
     return out

@@ -215,7 +215,7 @@ def from_pose_graph(graph: PoseGraph) -> Problem:
     Raises ``BackendError`` for invalid arrays.
     """
     check(graph)
-    held = np.flatnonzero(graph.fixed & graph.has_pose).tolist()
+    fixed_poses = np.flatnonzero(graph.fixed & graph.has_pose).tolist()
     return Problem(
         dimension=graph.dimension,
         names=tuple(f"vertex {number}" for number in graph.ids.tolist()),
@@ -225,5 +225,5 @@ def from_pose_graph(graph: PoseGraph) -> Problem:
         sqrt_information=square_roots(graph.information),
         trusted=graph.is_odometry,
         initial=graph.poses,
-        unary_factors=tuple(fixed(k, graph.poses[k], graph.dimension) for k in held),
+        unary_factors=tuple(fixed(k, graph.poses[k], graph.dimension) for k in fixed_poses),
     )

@@ -189,7 +189,7 @@ def _solve_informative(problem: Problem, options: Options, warnings: list[str]) 
         failures += [part.failure] if part.failure else []
         warnings += [line for line in (part.failure, *part.warnings) if line]
         parts.append(part)
-    unobserved = [part.held for part in parts if part.held]
+    unobserved = [part.unobserved for part in parts if part.unobserved]
     if unplaced:
         unobserved.append(f"{format_keys(unplaced, problem.name)} not placed: no edge and no position")
     _LOG.info("%d poses in %d parts, %d of %d edges kept", n, len(parts), np.count_nonzero(kept), m)

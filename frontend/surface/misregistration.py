@@ -156,9 +156,9 @@ def _two_best(plan: MosaicPlan, squares: SquareGrid) -> NDArray[np.int32]:
         now = np.where(sees & whole, border, 0).astype(np.float32)
         candidate = np.full(now.shape, index, np.int32)
         for rank in (0, 1):  # what is displaced from the first rank is offered to the second
-            held, owner = weight[rank][where], best[rank][where]
-            better = now > held
-            now, held[better] = np.where(better, held, now), now[better]
+            before, owner = weight[rank][where], best[rank][where]
+            better = now > before
+            now, before[better] = np.where(better, before, now), now[better]
             candidate, owner[better] = np.where(better, owner, candidate), candidate[better]
     return best
 

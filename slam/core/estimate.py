@@ -181,7 +181,7 @@ class Estimate:
     """Rotation vector (x, y) from level to the ground; zero where no measurement shows a slope."""
     ground_covariances: Array | None = None
     """(n, 6, 6) covariances with which the pictures place the ground, where the lens was estimated: those
-    over the floor, with the errors of the lens as equal motions of the camera. None where the lens was held:
+    over the floor, with the errors of the lens as equal motions of the camera. None where the lens was fixed:
     then ``over_floor_covariances`` are those of the ground."""
     joint_errors: Array | None = None
     """(n, 6, s) right perturbation of all poses, rotation first, by one standard deviation of each of their

@@ -78,9 +78,9 @@ class Flight:
     """The flights that were joined into this one (`slam.core.join_flights`); empty for a single flight."""
 
     def __repr__(self) -> str:
-        held = [stream.folder for name, stream in STREAMS.items() if getattr(self, name) is not None]
+        present = [stream.folder for name, stream in STREAMS.items() if getattr(self, name) is not None]
         frames = 0 if self.frames is None else len(self.frames)
-        return f"Flight({self.name!r}, streams=[{', '.join(held)}], frames={frames})"
+        return f"Flight({self.name!r}, streams=[{', '.join(present)}], frames={frames})"
 
     def _repr_html_(self) -> str:
         series = {stream.folder: getattr(self, name) for name, stream in STREAMS.items()}
@@ -99,10 +99,10 @@ class Flight:
 
     def restamped(self, fields: Iterable[str], stamps: Callable[[Array], Array]) -> Flight:
         """Return the flight with the stamps (n,) of some of its ``STREAMS`` changed by a function."""
-        held = {name: getattr(self, name) for name in fields}
+        present = {name: getattr(self, name) for name in fields}
         changed: dict[str, Any] = {
             name: replace(series, stamps_s=stamps(series.stamps_s))
-            for name, series in held.items()
+            for name, series in present.items()
             if series is not None
         }
         return replace(self, **changed)

@@ -140,7 +140,7 @@ class LensNumber:
     told_std: float
     """Standard deviation of what is told, the prior of ``value``."""
     estimated: bool
-    """Whether the flight tells more about it than was told. Otherwise it is held near ``told``."""
+    """Whether the flight tells more about it than was told. Otherwise it is fixed near ``told``."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ class InstrumentErrors:
     attitude: AttitudeErrors | None
     accelerometer: AccelerometerErrors | None
     mount: MountTilt | None = None
-    """None where the camera's mount was held at its nominal value."""
+    """None where the camera's mount was fixed at its nominal value."""
     systematic: SystematicErrors | None = None
     """Errors that all pictures or all positions share; None without any beyond chance. They are those of a
     declared lens that the pictures refute where the map has an estimated one instead."""
@@ -175,7 +175,7 @@ class InstrumentErrors:
     barometer: BarometerErrors | None = None
     """None where the map does not use the barometer."""
     antenna: AntennaPlace | None = None
-    """None where the antenna's place was held at what is told."""
+    """None where the antenna's place was fixed at what is told."""
 
 
 NOTHING_KNOWN = InstrumentErrors(None, None)

@@ -104,18 +104,18 @@ class _Reader:
     def value(self, node: Any) -> Any:
         if not isinstance(node, dict):
             return node
-        ((kind, held),) = node.items()
+        ((kind, payload),) = node.items()
         if kind in ("list", "tuple"):
-            items = [self.value(each) for each in held]
+            items = [self.value(each) for each in payload]
             return items if kind == "list" else tuple(items)
         if kind == "dict":
-            return {self.value(k): self.value(v) for k, v in held}
+            return {self.value(k): self.value(v) for k, v in payload}
         if kind == "bytes":
-            return bytes.fromhex(held)
+            return bytes.fromhex(payload)
         if kind in ("array", "scalar"):
-            array = self._array(*held)
+            array = self._array(*payload)
             return array if kind == "array" else array[()]
-        name, content = held
+        name, content = payload
         if kind == "enum":
             return self._classes[name][content]  # type: ignore[index]  # an Enum's class
         if kind != "class":

@@ -32,7 +32,7 @@ _FIELDS = {
 }
 
 
-_HELD = ("imu", "attitude", "velocity")
+_NEVER_REPEATING = ("imu", "attitude", "velocity")
 """Streams whose repetitions are dropped: a range or a height may be coarse, and repeat by itself."""
 _UNSTEADY = 0.4
 """Standard deviation over mean of the lengths of runs. A logger of another rate makes runs of two lengths
@@ -46,7 +46,7 @@ def without_held_readings(flight: Flight) -> Flight:
     The runs of a logger are of about one length, if its sensor does not rest; those of a coarse sensor are
     not.
     """
-    for name in _HELD:
+    for name in _NEVER_REPEATING:
         series = getattr(flight, name)
         if series is None or len(series.stamps_s) < 2 * _ROWS:
             continue

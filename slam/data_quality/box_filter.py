@@ -20,10 +20,10 @@ EDGE_NATS = 8.0
 SELDOM_NATS = 1.0
 """Cost of a beginning over a box, in nats."""
 TINY_M = 1e-6
-TAIL, MOST_ODD = 4.0, 12.0
+TAIL, LARGEST_OUTLIER_COST = 4.0, 12.0
 """Degrees of freedom of a reading's error, and its greatest cost in nats. It is less than that of two edges,
 so that a false echo is no box."""
-ODD = 4.0
+OUTLIER = 4.0
 """Standard deviations beyond which a reading does not update the filter, except at a new box."""
 KEPT, KEPT_ENDS = 6, 2
 """Number of hypotheses kept, and number of those whose box may end at a reading."""
@@ -131,9 +131,9 @@ def _update(hypothesis: _Hypothesis, y: float, noise_2: float, new: bool = False
     s = (k_b - k_h if boxed else k_b) + noise_2
     off = y - (b - h if boxed else b)
     z_2 = off * off / s
-    odd = min(0.5 * (TAIL + 1.0) * math.log1p(z_2 / TAIL), MOST_ODD)
-    cost += odd + 0.5 * math.log(s / noise_2)
-    if z_2 > ODD**2 and not new:
+    outlier_cost = min(0.5 * (TAIL + 1.0) * math.log1p(z_2 / TAIL), LARGEST_OUTLIER_COST)
+    cost += outlier_cost + 0.5 * math.log(s / noise_2)
+    if z_2 > OUTLIER**2 and not new:
         return hypothesis._replace(cost=cost)
     k_b, k_h = k_b / s, k_h / s
     if boxed and h + k_h * off < 0.0:

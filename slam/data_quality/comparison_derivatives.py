@@ -33,7 +33,7 @@ FILTER_S = 0.08
 """Time constant of a low-pass filter for the derivative by the variance."""
 LAGGING = "attitude", "velocity"
 """Streams whose lag is no term, in the order in which it is sought."""
-FAINT = 1e-9
+ROUNDING = 1e-9
 """Greatest entry of a column that is rounding."""
 
 
@@ -60,7 +60,7 @@ def derivatives(flight: Flight, imu: ImuReadings, kind: str, off: Array) -> dict
                     changed = replace(imu, gyro=gyro, accel=accel)
                 sides.append(compared(undone, changed, kind).off)
             column = (sides[0] - sides[1]) / (2.0 * size)
-            if np.abs(column).max() < FAINT:
+            if np.abs(column).max() < ROUNDING:
                 continue
             name = f"{term.name}.{parameter.name}"
             traces[name] = column
@@ -84,7 +84,7 @@ def _lag_traces(flight: Flight, imu: ImuReadings, kind: str) -> dict[str, Array]
         ):
             each = (with_lags(flight, {**imu.lags, stream: lag}, kind).off for lag in (one, other))
             column = np.subtract(*each) / size
-            if np.abs(column).max() < FAINT:
+            if np.abs(column).max() < ROUNDING:
                 continue
             traces[stream + suffix] = column
             if suffix == SMOOTHING and stream == kind:

@@ -59,8 +59,8 @@ def frozen(stream: InstrumentReadings) -> Frozen | None:
     begin, length = _runs(equal)
     # A slow sensor is logged several times a reading: its readings count, not the log's rows.
     stuck = length >= _shortest_improbable(length / float(np.median(length)), len(values)) * np.median(length)
-    held = {tuple(reading) for reading in values[begin[stuck]].tolist()}
-    if int(stuck.sum()) < FEWEST_RUNS or len(held) < FEWEST_RUNS:
+    stuck_at = {tuple(reading) for reading in values[begin[stuck]].tolist()}
+    if int(stuck.sum()) < FEWEST_RUNS or len(stuck_at) < FEWEST_RUNS:
         stuck &= _within_others(times_s, values, begin, length)
     if not stuck.any():
         return None

@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.evaluation.paper_values import P_THETA, PITCH_DEG, SPEED_A_DEGREE, SPEED_M_S, STICKS
 from slam.experiments.experiment import PAPER, Conclusion, Experiment, Row, SeedStatistics, Trial, verdict
-from slam.experiments.paper_checks import ODD, checks, line_through_table_5
+from slam.experiments.paper_checks import OUTLIER, checks, line_through_table_5
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,11 +47,16 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
     for slope, label, style in (
         (SPEED_A_DEGREE, "equation 4", "-"),
         (line_through_table_5(), "least squares", "--"),
-        (line_through_table_5(ODD), "without s = 0.10", ":"),
+        (line_through_table_5(OUTLIER), "without s = 0.10", ":"),
         (radians(1) / P_THETA, "P_theta", "-."),
     ):
         left.plot(tilt, slope * tilt, style, lw=1.2, label=f"{label}: {slope:.4f}")
-    left.annotate("s = 0.10", (PITCH_DEG[ODD], SPEED_M_S[ODD]), xytext=(6, -12), textcoords="offset points")
+    left.annotate(
+        "s = 0.10",
+        (PITCH_DEG[OUTLIER], SPEED_M_S[OUTLIER]),
+        xytext=(6, -12),
+        textcoords="offset points",
+    )
     left.set_xlabel("pitch [deg]")
     left.set_ylabel("speed [m/s]")
     left.legend(frameon=False, fontsize=8)

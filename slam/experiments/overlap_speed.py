@@ -67,8 +67,8 @@ def _trial(seed: int, draw: bool) -> Trial:
             step_m = (1 - overlap) * sides[way] * direction
             off = np.array([_error_px(step_m, model, rng) for _ in range(PAIRS)])
             figures[f"{way}/{overlap:g}"] = float(100 * np.mean(off < RIGHT_PX))
-            held = off[np.isfinite(off)]
-            figures[f"{way} px/{overlap:g}"] = float(np.median(held)) if len(held) else float("nan")
+            known = off[np.isfinite(off)]
+            figures[f"{way} px/{overlap:g}"] = float(np.median(known)) if len(known) else float("nan")
     return Trial(seed, figures)
 
 
@@ -106,18 +106,18 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     follow = abs(width / FLOOR_AT_1M_M - 1) < _ROUNDED and all(
         abs(speeds[rate] / theirs - 1) < _ROUNDED for rate, theirs in OVERLAP_SPEED_M_S.items()
     )
-    held = {way: _share(trials, way, OVERLAP) for way in WAYS}
+    registered = {way: _share(trials, way, OVERLAP) for way in WAYS}
     slow = min(OVERLAP_SPEED_M_S)
     forwards = speed_m_s(slow, height)
     reason = (
         f"64 degrees across show {width:.3f} m from 1 m (the paper truncates it to {FLOOR_AT_1M_M} m). "
         f"Pictures then overlap by half up to {speeds[15.0]:.2f} m/s at 15 Hz and {speeds[slow]:.2f} m/s at "
-        f"{slow} Hz. Of simulated pairs with this overlap, {held['sideways']:.0f} % register sideways and "
-        f"{held['forwards']:.0f} % forwards. Forwards, a picture is only {height:.2f} m long. "
+        f"{slow} Hz. Of simulated pairs with this overlap, {registered['sideways']:.0f} % register sideways "
+        f"and {registered['forwards']:.0f} % forwards. Forwards, a picture is only {height:.2f} m long. "
         f"The limit at {slow} Hz is then {forwards:.2f} m/s, {100 * forwards / TOP_SPEED_M_S:.0f} % of "
         f"the top speed and not {TOP_SPEED_PERCENT:.0f} %."
     )
-    enough = min(held.values()) >= _ENOUGH_PERCENT
+    enough = min(registered.values()) >= _ENOUGH_PERCENT
     return Conclusion(_rows(trials, width, height), verdict(follow and enough, partly=follow), reason)
 
 

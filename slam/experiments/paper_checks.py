@@ -41,7 +41,8 @@ TUM_DRAG_1_S, TUM_TILT_SCALE_M_S = 0.58, 17.8
 """Constants c1 and c2 of the tum_ardrone package for the same drone: a second, independent measurement."""
 HOVER_S, HOVER_CORRELATION_S = 35.0, 0.5
 WIDTH_PX, HEIGHT_PX = 176, 144
-ODD = 0.10
+OUTLIER = 0.10
+"""The stick of table 5 whose speed lies off the line of the others."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def drag_1_s(leave_out: float | None = None) -> float:
 
 def misfit_m_s2(power: int) -> float:
     """Residual standard deviation of g tan(theta) = c v^power without s = 0.10, 3 degrees of freedom."""
-    force, speed = _steady(ODD)
+    force, speed = _steady(OUTLIER)
     drag = speed**power
     residual = force - force @ drag / (drag @ drag) * drag
     return float(np.sqrt(residual @ residual / (len(residual) - 1)))
@@ -124,14 +125,14 @@ def odd_point() -> tuple[float, float, float]:
     of freedom). The stick is exact, but the measured pitch is not; the pitch was proportional to it, as it
     should be.
     """
-    others = [s for s in STICKS if s != ODD]
+    others = [s for s in STICKS if s != OUTLIER]
     stick, speed = np.array(others), np.array([SPEED_M_S[s] for s in others])
     slope = stick @ speed / (stick @ stick)
     residual = speed - slope * stick
     variance = residual @ residual / (len(others) - 1)
-    std = sqrt(variance * (1 + ODD**2 / (stick @ stick)))
-    t = float((SPEED_M_S[ODD] - slope * ODD) / std)
-    return float(slope * ODD), t, float(2 * student.sf(abs(t), len(others) - 1))
+    std = sqrt(variance * (1 + OUTLIER**2 / (stick @ stick)))
+    t = float((SPEED_M_S[OUTLIER] - slope * OUTLIER) / std)
+    return float(slope * OUTLIER), t, float(2 * student.sf(abs(t), len(others) - 1))
 
 
 def free_drift_m(correlation_s: float) -> tuple[float, float]:
@@ -167,7 +168,7 @@ def _motion() -> tuple[Check, ...]:
         ),
         Check(
             "drag of table 5, beside g P_theta", "1/s", GRAVITY_M_S2 * P_THETA, drag_1_s(), 0.02,
-            f"drag linear in the speed holds: {drag_1_s():.3f}, {drag_1_s(ODD):.3f} without s = 0.10; a "
+            f"drag linear in the speed holds: {drag_1_s():.3f}, {drag_1_s(OUTLIER):.3f} without s = 0.10; a "
             f"drag quadratic in the speed misses by {misfit_m_s2(2) / misfit_m_s2(1):.1f} times as much",
         ),
         Check(
@@ -179,8 +180,8 @@ def _motion() -> tuple[Check, ...]:
             "and the same drag",
         ),
         Check(
-            "speed at s = 0.10, from the other four", "m/s", SPEED_M_S[ODD], expected, 0.10,
-            f"{100 * (SPEED_M_S[ODD] / expected - 1):.0f} % off the line, t = {t:.1f}, p = {p:.2f} and "
+            "speed at s = 0.10, from the other four", "m/s", SPEED_M_S[OUTLIER], expected, 0.10,
+            f"{100 * (SPEED_M_S[OUTLIER] / expected - 1):.0f} % off the line, t = {t:.1f}, p = {p:.2f} and "
             f"{1 - (1 - p) ** 5:.2f} for the worst of five. This is suspicious, not certain. A pulse of 5 s "
             "at s = 0.10 should be repeated",
         ),

@@ -109,7 +109,7 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
         if abs(over_seeds(trials, f"paper/pitch/{s:g}").median - PITCH_DEG[s]) <= 2 * PITCH_STD_DEG[s]
     ]
     apart = {s: 100 * (SPEED_M_S[s] / over_seeds(trials, f"paper/end/{s:g}").median - 1) for s in STICKS}
-    odd = max(STICKS, key=lambda s: abs(apart[s]))
+    farthest = max(STICKS, key=lambda s: abs(apart[s]))
     c, faster = over_seeds(trials, "paper/c"), over_seeds(trials, "faster")
     error = 100 * (c.median / SPEED_A_DEGREE - 1)
     too_slow = (
@@ -124,8 +124,9 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
         f"pitch (at {len(pitched)}) judge nothing but our arithmetic. The verdict is on what was not used: "
         "the speed in the paper's own window, the last two of five seconds: within two standard deviations "
         f"at {len(in_window)} of {len(STICKS)} sticks. {too_slow if short else ''}"
-        f"The outlier of the table is s = {odd:.2f}, where the drone's speed differs by {apart[odd]:+.0f} % "
-        f"from the model's final one. The nominal model is {text(faster, '%', 1)} faster."
+        f"The outlier of the table is s = {farthest:.2f}, where the drone's speed differs by "
+        f"{apart[farthest]:+.0f} % from the model's final one. "
+        f"The nominal model is {text(faster, '%', 1)} faster."
     )
     all_of_them = len(in_window) == len(STICKS)
     return Conclusion(_rows(trials), verdict(all_of_them, partly=len(in_window) > len(STICKS) / 2), reason)

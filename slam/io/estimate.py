@@ -8,7 +8,7 @@ arrays for n keyframes, m edges, l loops and t points of the ground are:
 | stamps | (n,) int64 | nanoseconds on the recorder's clock |
 | w_T_b, chain_w_T_b, odometry_w_T_b | (n, 4, 4) | NaN where not placed |
 | covariances, over_floor_covariances | (n, 6, 6) | rotation first, right perturbation; NaN where unknown |
-| ground_covariances | (n, 6, 6) | of the ground in a picture; none where the lens was held |
+| ground_covariances | (n, 6, 6) | of the ground in a picture; none where the lens was fixed |
 | joint_errors | (n, 6, s) | right perturbation by each error that poses share; none without a refinement |
 | component, frame_index | (n,) int64 | |
 | frame_names | (n,) text | |

@@ -115,8 +115,8 @@ def _remaining_gravity(imu: Imu, factor: float) -> tuple[float, float]:
         if len(rows) < 2 or stamps_s[rows[-1]] - stamps_s[rows[0]] < _SHORTEST_S:
             continue
         steps = factor * gyro[rows[:-1]] * np.diff(stamps_s[rows])[:, None]
-        held = _composed(Rotation.from_rotvec(steps))
-        sizes.append(float(np.linalg.norm(held.apply(force[rows]).mean(axis=0))))
+        by_gyro = _composed(Rotation.from_rotvec(steps))
+        sizes.append(float(np.linalg.norm(by_gyro.apply(force[rows]).mean(axis=0))))
         lasts_s.append(float(stamps_s[rows[-1]] - stamps_s[rows[0]]))
     return (float(np.average(sizes, weights=lasts_s)), sum(lasts_s)) if sizes else (0.0, 0.0)
 

@@ -35,7 +35,7 @@ from slam.mapping.calibration.camera_mount import mount_tilt
 from slam.mapping.calibration.clock_offset import clock_errors
 from slam.mapping.calibration.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.calibration.lens import lens_numbers
-from slam.mapping.calibration.refuted import is_held_lens_suspect
+from slam.mapping.calibration.refuted import is_fixed_lens_suspect
 from slam.mapping.calibration.velocity_errors import velocity_errors, velocity_warning
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context
@@ -83,7 +83,7 @@ def build_estimate(
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     instruments = _instrument_errors(context, map_, shared)
     datum = datum_displacements(flight, map_)
-    held = np.concatenate([instrument_displacements(context, map_), datum], axis=2)
+    displacements = np.concatenate([instrument_displacements(context, map_), datum], axis=2)
     kept = _kept_edges(map_)
     by_instruments = [velocity_warning(instruments.velocity), barometer_warning(map_.bundle)]
     shares = _information_shares(flight, map_)
@@ -97,7 +97,7 @@ def build_estimate(
         frame_names=tuple(flight.frames.names[k] for k in observations.frame_index),
         frame_index=observations.frame_index,
         w_T_b=map_.w_T_b,
-        covariances=with_displacements(map_.covariances, held),
+        covariances=with_displacements(map_.covariances, displacements),
         over_floor_covariances=with_displacements(map_.over_floor_covariances, datum),
         component=map_.component,
         camera=map_.camera,
@@ -121,7 +121,7 @@ def build_estimate(
         information_shares=shares,
         ground_covariances=_ground_covariances(map_, datum),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
-        joint_errors=of_all_poses(map_, held),
+        joint_errors=of_all_poses(map_, displacements),
         length_stds=_length_stds(map_),
         middle_std_m=_middle_std_m(map_, datum),
         range_errors=map_.bundle.range_errors if map_.bundle else None,
@@ -184,7 +184,7 @@ def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:
 
 def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, list[Message], bool]:
     """Return the errors that all pictures or positions share, a line where they cannot be tested for, and
-    whether a held lens is suspect without any."""
+    whether a fixed lens is suspect without any."""
     if map_.bundle is None:
         return None, [], False
     try:
@@ -192,7 +192,7 @@ def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, 
         is_assumed = gps is not None and gps.antenna_assumed
         line = unknown_antenna_warning(map_.bundle, tested) if tested and is_assumed else None
         lines = [each for each in (line, antenna_height_note(map_.bundle)) if each]
-        suspect = tested is not None and is_held_lens_suspect(map_.bundle, tested)
+        suspect = tested is not None and is_fixed_lens_suspect(map_.bundle, tested)
         return tested.errors if tested else None, lines, suspect
     except BackendError as error:
         why = f"errors that all pictures or all positions share cannot be tested for: {error}"
@@ -209,7 +209,7 @@ def _middle_std_m(map_: Map, datum: Array) -> float | None:
 
 
 def _ground_covariances(map_: Map, datum: Array) -> Array | None:
-    """Return the covariances of the ground with the errors of an estimated lens; None where it was held.
+    """Return the covariances of the ground with the errors of an estimated lens; None where it was fixed.
 
     ``datum`` (n, 6, e) are errors that move it with all poses. Those of lesser parts are theirs over the
     floor.

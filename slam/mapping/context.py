@@ -48,11 +48,12 @@ class Context:
     tracked: Observations | None = None
     """Result of tracking, before keyframes were compared further."""
     refuted: tuple[Refuted, ...] = ()
-    """Calibrations that an earlier map held and the pictures refuted: this map has them as variables."""
-    still_held: str = ""
-    """Why a refuted antenna's place is held all the same; empty where none is."""
+    """Calibrations that were fixed in an earlier map and that the pictures refuted: they are free parameters
+    of this one."""
+    reason_still_fixed: str = ""
+    """Why a refuted antenna's place is fixed all the same; empty where none is."""
     doubted_lens: Message | None = None
-    """Warning about a lens that is refuted and held all the same; empty where none is."""
+    """Warning about a lens that is refuted and fixed all the same; empty where none is."""
 
     @staticmethod
     def of(flight: Flight, job: Job, front_end: FrontEnd, observations: Observations) -> Context:

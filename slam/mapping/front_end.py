@@ -304,7 +304,7 @@ class FrontEnd:
 
         known = {(r.i, r.j) for r in (*observations.registrations, *observations.refused)}
         pairs = [pair for pair in dict.fromkeys(pairs) if pair not in known]
-        held, refused = list(observations.registrations), list(observations.refused)
+        accepted, refused = list(observations.registrations), list(observations.refused)
         keys = {(i, j): comparison_key(observations.store, i, j, expected(i, j)) for i, j in pairs}
         found = self.earlier.compared(keys)
         found |= self.compared.recall({p: key for p, key in keys.items() if p not in found}, len(pairs))
@@ -323,8 +323,8 @@ class FrontEnd:
             self.compared.keep(r, new[r.i, r.j])
         for pair, key in keys.items():
             self.work.registrations[key] = found[pair]
-            (held if found[pair].ok else refused).append(found[pair])
-        return replace(observations, registrations=tuple(held), refused=tuple(refused))
+            (accepted if found[pair].ok else refused).append(found[pair])
+        return replace(observations, registrations=tuple(accepted), refused=tuple(refused))
 
 
 def _with_reasons(rejected: Counter[str], failures: Mapping[int, str]) -> Counter[str]:

@@ -23,7 +23,7 @@ from slam.core.repeated_readings import without_held_readings
 from slam.core.stage_timer import Stopwatch
 from slam.core.turn_units import in_radians
 from slam.mapping.build_estimate import build_estimate, shared_errors
-from slam.mapping.calibration.refuted import HELD, Freed, OddFocal, focal_held
+from slam.mapping.calibration.refuted import FIXABLE, FreeCalibrations, ImplausibleFocal, with_fixed_focal
 from slam.mapping.checkpoints.refinement import RefinementCheckpoints
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
@@ -33,7 +33,7 @@ from slam.mapping.map import Map
 from slam.mapping.obstacles import Obstacles, cleared_echoes, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.stages import (
     close_loops,
-    freed_calibrations,
+    free_refuted_calibrations,
     hide,
     match_overlaps,
     odometry,
@@ -41,15 +41,15 @@ from slam.mapping.stages import (
     self_calibrate,
     solve_again,
     track,
-    with_freed,
+    with_free_calibrations,
 )
 from slam.mapping.tracked_pictures import TrackedPictures
 
 MOST_PASSES = 2
 """Obstacles bend the first map and are then misplaced in it; the second pass places them again."""
-MOST_FREED = len(HELD)
-"""A map with one freed calibration may refute the other one. Each is freed once: a lens may be refuted anew,
-or change its model to and fro."""
+MOST_REFUTATIONS = len(FIXABLE)
+"""A map with one free calibration may refute the other one. Each becomes free once: a lens may be refuted
+anew, or change its model to and fro."""
 LEAST_LEFT = 0.5
 """Smallest share of the mapped keyframes that masks must leave: below it there is no floor to see."""
 
@@ -68,8 +68,8 @@ def map_flight(
     job = Job(camera, config, progress, Stopwatch(), checkpoints)
     # Threads of BLAS and of OpenCV would compete for the same cores.
     with threadpool_limits(1, "blas"), use_checkpoints(RefinementCheckpoints(checkpoints)):
-        finished = _with_refuted_freed(_finished(job, flight, tracked), flight)
-        finished = _without_odd_focal(finished, flight)
+        finished = _with_refuted_free(_finished(job, flight, tracked), flight)
+        finished = _without_implausible_focal(finished, flight)
         context, refined = finished.context, finished.refined
         estimate = build_estimate(context, refined, finished.shared, finished.untested)
         stamps_s, poses = refined.observations.stamps_s, refined.over_floor_T_b
@@ -92,7 +92,7 @@ class _Finished:
     shared: SystematicErrors | None
     untested: Sequence[Message]
     lens_is_suspect: bool
-    """Whether a held lens may be wrong although ``shared`` has no error of it."""
+    """Whether a fixed lens may be wrong although ``shared`` has no error of it."""
 
 
 def _finished(job: Job, flight: Flight, tracked: TrackedPictures | None = None) -> _Finished:
@@ -114,57 +114,60 @@ def _with_overlaps(
     return context, matched.observations, solve_again(context, matched)
 
 
-def _with_refuted_freed(finished: _Finished, flight: Flight) -> _Finished:
-    """Map the flight again where the pictures refute a calibration that the map holds: once for each of these
+def _with_refuted_free(finished: _Finished, flight: Flight) -> _Finished:
+    """Map the flight again where the pictures refute a calibration that is fixed: once for each of these
     at most."""
-    for _ in range(MOST_FREED):
-        freed = freed_calibrations(
+    for _ in range(MOST_REFUTATIONS):
+        free = free_refuted_calibrations(
             finished.context, finished.refined, finished.shared, finished.lens_is_suspect
         )
-        if freed is None:
+        if free is None:
             break
-        if freed.changes_nothing(finished.context.job.camera):
-            held = replace(finished.context, still_held=freed.reason, doubted_lens=freed.doubted_lens)
-            return replace(finished, context=held)
-        again = _again(finished, flight, freed)
+        if free.changes_nothing(finished.context.job.camera):
+            fixed = replace(finished.context, reason_still_fixed=free.reason, doubted_lens=free.doubted_lens)
+            return replace(finished, context=fixed)
+        again = _again(finished, flight, free)
         if again is None:
             break
         finished = again
     return finished
 
 
-def _without_odd_focal(finished: _Finished, flight: Flight) -> _Finished:
-    """Warn of an odd focal length that a map has estimated, and map again with the stated one where it is
-    better.
+def _without_implausible_focal(finished: _Finished, flight: Flight) -> _Finished:
+    """Warn of an implausible focal length that a map has estimated, and map again with the stated one where
+    it is better.
     """
     context, refined = finished.context, finished.refined
-    odd = OddFocal.of(context.job.camera, refined)
-    if odd is None:
+    implausible = ImplausibleFocal.of(context.job.camera, refined)
+    if implausible is None:
         return finished
-    held = Freed(focal_held(context.job.camera), context.flight.gps, reason=context.still_held)
-    again = None if odd.is_believed else _again(finished, flight, held)
+    reason, gps = context.reason_still_fixed, context.flight.gps
+    fixed = FreeCalibrations(with_fixed_focal(context.job.camera), gps, reason=reason)
+    again = None if implausible.is_believed else _again(finished, flight, fixed)
     found = again or finished
-    return replace(found, context=replace(found.context, doubted_lens=odd.warning(used=again is None)))
+    return replace(
+        found, context=replace(found.context, doubted_lens=implausible.warning(used=again is None))
+    )
 
 
-def _again(first: _Finished, flight: Flight, freed: Freed) -> _Finished | None:
-    """Return the map with freed calibrations; None where no map comes out of it.
+def _again(first: _Finished, flight: Flight, free: FreeCalibrations) -> _Finished | None:
+    """Return the map with free calibrations; None where no map comes out of it.
 
     The pictures are rectified anew for another lens: features that the old one made move are found again.
     """
     job = first.context.job
     try:
-        if freed.camera is job.camera:
-            context, refined = with_freed(first.context, first.refined, freed)
+        if free.camera is job.camera:
+            context, refined = with_free_calibrations(first.context, first.refined, free)
             again = _Finished(context, refined, *shared_errors(refined, context.flight.gps))
         else:
-            again = _finished(replace(job, camera=freed.camera), replace(flight, gps=freed.gps))
+            again = _finished(replace(job, camera=free.camera), replace(flight, gps=free.gps))
     except InputError:  # no pictures join with this lens
         return None
     if again.refined.main_share < LEAST_LEFT * first.refined.main_share:
         return None
-    refuted = (*first.context.refuted, *freed.refuted)
-    return replace(again, context=replace(again.context, refuted=refuted, still_held=freed.reason))
+    refuted = (*first.context.refuted, *free.refuted)
+    return replace(again, context=replace(again.context, refuted=refuted, reason_still_fixed=free.reason))
 
 
 def _map_without_obstacles(job: Job, flight: Flight, tracked: TrackedPictures | None) -> tuple[Context, Map]:

@@ -11,7 +11,7 @@ from backend.sparse_cholesky import SingularMatrixError
 from slam.core.flight import Flight
 from slam.mapping.calibration.attitude_floor_tilt import tilt_over_map
 from slam.mapping.calibration.clock_offset import NO_CORRECTION, clock_displacements
-from slam.mapping.calibration.held_mount import held_mount_covariance, mount_displacements
+from slam.mapping.calibration.fixed_mount import fixed_mount_covariance, mount_displacements
 from slam.mapping.context import Context
 from slam.mapping.map import Map
 
@@ -24,7 +24,7 @@ largest's variance."""
 
 def instrument_displacements(context: Context, map_: Map) -> Array:
     """Return (n, 6, e) right perturbations of the poses by one standard deviation of each error that the
-    refinement does not estimate: the delays of a corrected clock, and the tilt of a held mount."""
+    refinement does not estimate: the delays of a corrected clock, and the tilt of a fixed mount."""
     stamps_s, n = map_.observations.stamps_s, len(map_.w_T_b)
     found = np.zeros((n, 6, 0))
     if context.clock is not NO_CORRECTION:
@@ -33,7 +33,7 @@ def instrument_displacements(context: Context, map_: Map) -> Array:
     if context.flight.parts or (map_.bundle is not None and map_.bundle.mount_std_rad > 0):
         return found  # each part has a level of its own, and an estimated mount is counted
     tilt = tilt_over_map(context.flight, map_)
-    mount = held_mount_covariance(tilt, map_.inertial, map_.camera.mount_std_rad == 0.0)
+    mount = fixed_mount_covariance(tilt, map_.inertial, map_.camera.mount_std_rad == 0.0)
     if not mount.any():
         return found
     of_all = np.broadcast_to(mount_displacements(map_.camera.b_T_c, mount), (n, 6, 2))

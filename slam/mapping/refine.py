@@ -241,8 +241,9 @@ class _Evidence:
             if fixes is not None and used is not None:
                 map_std_m = fixes.map_std_m(bundle.w_T_b, bundle.antenna_covariances, ~used.used)
                 agreement = part.refined_fixes(fixes).exact(bundle.w_T_b, map_std_m)
-                held = used.used & fixes.of_keyframes(contradicted_keyframes(bundle.optimum)) & ~doubted
-                agreement, doubted = agreement.without(held), doubted | held
+                by_pictures = fixes.of_keyframes(contradicted_keyframes(bundle.optimum))
+                newly_doubted = used.used & by_pictures & ~doubted
+                agreement, doubted = agreement.without(newly_doubted), doubted | newly_doubted
                 settled = settled and agreement.same(used)
             if settled:
                 break

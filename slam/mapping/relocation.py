@@ -122,26 +122,26 @@ class Relocalizer:
             return nowhere(
                 f"too few features: {len(seen)}; take it with more light, or over ground with texture"
             )
-        held = self._registered(seen)
-        if not held:
+        registered = self._registered(seen)
+        if not registered:
             return nowhere(
                 "no keyframe that looks like it shows the same ground; take it over the map, at its height"
             )
-        w_p, pixel, std_px = self._floor_points(held, seen)
+        w_p, pixel, std_px = self._floor_points(registered, seen)
         resected = _resect(w_p, pixel, std_px, self.camera)
         if resected is None:
             return nowhere(
                 "no pose explains where the floor's points appear; take it looking down at flat ground"
             )
         f_T_b, covariance, points = resected
-        best = held[0].i
+        best = registered[0].i
         of_map = self._covariances[best]
         if np.isfinite(of_map).all():
             carried = se3.adjoint(se3.inverse(f_T_b) @ self._over_floor[best])
             covariance = covariance + carried @ of_map @ carried.T
         back = (-self._slope[0], -self._slope[1])
         w_T_b = over_floor(f_T_b[None], back, self._floor_z_m)[0]
-        return Location(w_T_b, covariance, tuple(int(self._numbers[r.i]) for r in held), points, "")
+        return Location(w_T_b, covariance, tuple(int(self._numbers[r.i]) for r in registered), points, "")
 
     def _registered(self, seen: Features) -> list[Registration]:
         """Registrations to the keyframes that look alike, most matches first."""
@@ -151,12 +151,12 @@ class Relocalizer:
         found = [register(i, len(self._store), self._store[i], seen, *settings) for i in alike]
         return sorted((r for r in found if r.ok), key=lambda r: -len(r.matches))
 
-    def _floor_points(self, held: Sequence[Registration], seen: Features) -> tuple[Array, Array, Array]:
+    def _floor_points(self, registered: Sequence[Registration], seen: Features) -> tuple[Array, Array, Array]:
         """Points of the floor (m, 3), where the picture shows them (m, 2), noise (m,); each feature once."""
         points, pixels, noise, known = [], [], [], np.zeros(len(seen), bool)
-        for r in held:
-            fresh = ~known[r.matches[:, 1]]
-            ours, theirs = r.matches[fresh].T
+        for r in registered:
+            unseen = ~known[r.matches[:, 1]]
+            ours, theirs = r.matches[unseen].T
             known[theirs] = True
             on_floor = self.camera.floor_points(
                 self._over_floor[r.i], self._store[r.i].pixel[ours], self._floor_z_m

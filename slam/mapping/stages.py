@@ -26,11 +26,11 @@ from slam.mapping.calibration.clock_offset import clock_correction, finer_correc
 from slam.mapping.calibration.instrument_clocks import on_one_clock
 from slam.mapping.calibration.picture_turns import tracked_clock
 from slam.mapping.calibration.refuted import (
-    Freed,
+    FreeCalibrations,
     Refuted,
-    freed_by,
     is_stated_lens_doubted,
     lens_by_evidence,
+    refuted_by_trial,
     suspects,
     with_lens_of,
 )
@@ -202,46 +202,46 @@ def self_calibrate(context: Context, matched: Observations, refined: Map) -> tup
     return context, refine(context, again, with_inertia=True)
 
 
-def freed_calibrations(
+def free_refuted_calibrations(
     context: Context, refined: Map, errors: SystematicErrors | None, lens_is_suspect: bool
-) -> Freed | None:
-    """Return the stated instruments after the calibrations are freed that the pictures refute.
+) -> FreeCalibrations | None:
+    """Return the stated instruments with the calibrations as free parameters that the pictures refute.
 
-    They are held ones whose ``errors`` displace the poses by more than their covariances state, a lens of
+    They are fixed ones whose ``errors`` displace the poses by more than their covariances state, a lens of
     another model, and one that is stated as more certain than the evidence says, which is computed where the
     lens is doubted or suspect. The result is None where nothing is refuted.
     """
     camera, gps = context.job.camera, context.flight.gps
     if refined.camera.lens != camera.lens:
-        return Freed(with_lens_of(camera, refined.camera), gps)
+        return FreeCalibrations(with_lens_of(camera, refined.camera), gps)
     suspected = suspects(refined.bundle, errors)
     if errors is None or not suspected.refuted:
         doubted = lens_is_suspect or is_stated_lens_doubted(camera, refined)
-        return _with_doubted_lens_freed(context, refined) if doubted else None
+        return _with_doubted_lens_free(context, refined) if doubted else None
     with context.timer("refine"):
         trial = refine_map(refined, suspected.free(context.setup), context.job.progress)
-    refuted, reason = freed_by(trial.bundle, suspected, errors)
+    refuted, reason = refuted_by_trial(trial.bundle, suspected, errors)
     for each in refuted:
         if each.what == "lens":
             camera = with_lens_of(as_nominal(camera), trial.camera)
         elif gps is not None:
             gps = replace(gps, antenna_std_m=NOMINAL_ANTENNA_STD_M)
-    return Freed(camera, gps, refuted, reason)
+    return FreeCalibrations(camera, gps, refuted, reason)
 
 
-def _with_doubted_lens_freed(context: Context, refined: Map) -> Freed | None:
+def _with_doubted_lens_free(context: Context, refined: Map) -> FreeCalibrations | None:
     """Return the lens with a wider prior, if its evidence is much stronger than that of the stated one."""
     camera = context.job.camera
     with context.timer("refine"):
         widest = replace(context.setup, camera=as_assumed(camera))
         found, doubted = lens_by_evidence(camera, refine_map(refined, widest, context.job.progress))
     refuted = () if found is camera else (Refuted("lens", None),)
-    return Freed(found, context.flight.gps, refuted, doubted_lens=doubted)
+    return FreeCalibrations(found, context.flight.gps, refuted, doubted_lens=doubted)
 
 
-def with_freed(context: Context, refined: Map, freed: Freed) -> tuple[Context, Map]:
-    """Solve and refine once more with freed calibrations, where the lens is as it was."""
-    context = context.with_gps(freed.gps, refined.observations)
+def with_free_calibrations(context: Context, refined: Map, free: FreeCalibrations) -> tuple[Context, Map]:
+    """Solve and refine once more with free calibrations, where the lens is as it was."""
+    context = context.with_gps(free.gps, refined.observations)
     return context, refine(context, solve_again(context, refined), with_inertia=True)
 
 

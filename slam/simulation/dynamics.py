@@ -198,13 +198,13 @@ def rates(
 
     # position_hold takes over once the stick is centred and the vehicle is slow.
     slow = (vx * vx + vy * vy) / parameters[HOLD_CAPTURE] ** 2
-    held = command[CENTRED] / (1.0 + slow * slow)
+    holding = command[CENTRED] / (1.0 + slow * slow)
     moving_x, moving_y = vx + share * noise[WX], vy + share * noise[WY]
-    stiffness, damping = held * parameters[HOLD_STIFFNESS], held * parameters[HOLD_DAMPING]
+    stiffness, damping = holding * parameters[HOLD_STIFFNESS], holding * parameters[HOLD_DAMPING]
     ax -= stiffness * (state[X] - state[HOLD_X]) + damping * moving_x
     ay -= stiffness * (state[Y] - state[HOLD_Y]) + damping * moving_y
-    rate[HOLD_X] = HOLD_FOLLOW_1_S * (1.0 - held) * (state[X] - state[HOLD_X])
-    rate[HOLD_Y] = HOLD_FOLLOW_1_S * (1.0 - held) * (state[Y] - state[HOLD_Y])
+    rate[HOLD_X] = HOLD_FOLLOW_1_S * (1.0 - holding) * (state[X] - state[HOLD_X])
+    rate[HOLD_Y] = HOLD_FOLLOW_1_S * (1.0 - holding) * (state[Y] - state[HOLD_Y])
 
     # Climb is a first-order lag; ground effect pushes up near the floor (Cheeseman and Bennett).
     climb = parameters[CLIMB_RATE] * command[UP]

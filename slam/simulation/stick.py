@@ -36,8 +36,8 @@ class Stick:
         """Return means over intervals (m, ``dynamics.COMMAND``) of the command, delayed by ``latency_s``."""
         begin, end = np.asarray(begin_s, dtype=float), np.asarray(end_s, dtype=float)
         length = np.maximum(end - begin, 1e-12)[:, None]
-        held = (self._integral(end - latency_s) - self._integral(begin - latency_s)) / length
-        return np.column_stack([held, self._discharge((begin + end) / 2)])
+        mean = (self._integral(end - latency_s) - self._integral(begin - latency_s)) / length
+        return np.column_stack([mean, self._discharge((begin + end) / 2)])
 
     def at(self, times_s: Array, latency_s: float = 0.0) -> Array:
         """Return the delayed command (m, ``dynamics.COMMAND``) at given times; at a change the new value."""

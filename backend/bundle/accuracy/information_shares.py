@@ -64,7 +64,7 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
     of_points = np.zeros((linear.seen.prior_right.size, gradient.shape[1]))
     if optimum.problem.has_scale:
         gradient[:, _SCALE], of_points[:, _SCALE] = (each[:, 0] for each in gradients(optimum, reduced))
-    else:  # What is held in place of a length says all.
+    else:  # What is fixed in place of a length says all.
         gradient[columns(WORLD).start + LOG_SCALE, _SCALE] = 1.0
     rows = np.asarray(jacobian @ np.vstack(reduced.solve(gradient, of_points)))
     pictures, floor = ["pictures"] * linear.seen.right.size, ["flat_floor"] * len(of_points)

@@ -27,7 +27,7 @@ def solved_parts(problem: Problem, solution: Solution, edges: Mask) -> Iterator[
 
 
 def gauge_fixed_part(part: Problem, w_T: Array, deadline: float = math.inf) -> GaugeFixedProblem:
-    """Fix the gauge of a part: its first pose is held where no unary factor places it.
+    """Fix the gauge of a part: its first pose is fixed where no unary factor places it.
 
     ``deadline`` on the clock of ``time.monotonic`` ends its fits.
     """

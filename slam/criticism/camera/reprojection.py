@@ -28,7 +28,7 @@ from slam.data_quality.pictures.feature_matches import FeatureMatches
 
 _POSE_NUDGE = 1e-5
 _SLOPE_NUDGE = 1e-4
-_FAINT = 1e-4
+_PRIOR = 1e-4
 """Information added to sizes that a flight may not show, since a matrix of zeros cannot be inverted."""
 TOLERANCE = np.concatenate([[2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5], WARP_TOLERANCE])
 """Largest apparent error of a healthy camera by features on small pictures, of its clock, and of warps."""
@@ -50,11 +50,11 @@ def reprojection_score(
     Only the pictures on the ``path`` count; without a path, all do.
     """
     along = camera_path(record, matches, parameters) if path is None else path
-    faint = [_FAINT if d.kind in ("camera", "picture") else 0.0 for d in directions]
+    prior = [_PRIOR if d.kind in ("camera", "picture") else 0.0 for d in directions]
     return (
         _points(_Scene.of(matches, parameters, along), directions)
         + photometric_score(matches, parameters.camera, along, directions)
-        + LikelihoodScore(np.diag(faint), np.zeros(len(directions)))
+        + LikelihoodScore(np.diag(prior), np.zeros(len(directions)))
     )
 
 
@@ -272,13 +272,13 @@ def without_mismatched_pairs(record: Record, parameters: FilterParameters) -> tu
     pair = matches.earlier[known] * len(matches.stamps_s) + matches.later[known]
     pairs, pair_of = np.unique(pair, return_inverse=True)
     far_px, least_px = off_px - MISMATCH_Z * std_px, MISMATCH * matches.camera.size_px[0]
-    stray = np.array([np.median(far_px[pair_of == k]) > least_px for k in range(len(pairs))])
-    if not 0 < stray.sum() <= MOST_MISMATCHED * len(pairs):
+    wrong = np.array([np.median(far_px[pair_of == k]) > least_px for k in range(len(pairs))])
+    if not 0 < wrong.sum() <= MOST_MISMATCHED * len(pairs):
         return record, ""
     kept = np.ones(len(matches.earlier), dtype=bool)
-    kept[known[stray[pair_of]]] = False
+    kept[known[wrong[pair_of]]] = False
     description = (
-        f"{record.name}: {stray.sum()} of {len(pairs)} pairs of pictures match another place of the floor "
+        f"{record.name}: {wrong.sum()} of {len(pairs)} pairs of pictures match another place of the floor "
         "than the vehicle can have been at; they were left out"
     )
     return replace(record, matches=matches.some(kept)), description

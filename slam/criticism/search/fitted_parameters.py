@@ -80,8 +80,8 @@ class FittedParameter:
         """Return x in filter parameters."""
         if not self.vector:
             return 0.0
-        held = getattr(parameters, self.vector)
-        entry = float(held[self.entries[0]] if self.entries else held)
+        vector = getattr(parameters, self.vector)
+        entry = float(vector[self.entries[0]] if self.entries else vector)
         if self.form == "square":
             return entry**2
         return log(entry) if self.form == "log" else entry

@@ -102,17 +102,17 @@ class Parts:
     part_s: float = PART_S
 
     def sizes_over_time(
-        self, effect: Effect, step: Array, parameters: FilterParameters, held: Array | float = 0.0
+        self, effect: Effect, step: Array, parameters: FilterParameters, base_sizes: Array | float = 0.0
     ) -> list[SizeOverTime]:
         """Return the sizes of each column of an effect, fitted together to each part beside a ``step``
-        (columns,) of all else from ``parameters``, in which its sizes are ``held``."""
+        (columns,) of all else from ``parameters``, in which its sizes are ``base_sizes``."""
         own = np.array([self.fisher.columns.index(d.name) for d in effect.perturbations], dtype=np.int64)
         information = self.fisher.information[:, own[:, None], own]
         information = information * (1.0 + RIDGE * np.eye(len(own))) + 1e-12 * np.eye(len(own))
         moved = np.linalg.solve(information, self.fisher.left_at(step)[:, own, None])[:, :, 0]
         errors = np.sqrt(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
         series = []
-        for k, common in enumerate((step[own] + held).tolist()):
+        for k, common in enumerate((step[own] + base_sizes).tolist()):
             parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
             sure = np.flatnonzero(errors[:, k] < TELLING * max(abs(common), effect.tolerance))
             each = [(common + moved + sign * errors)[sure, k].tolist() for sign in (0.0, 1.0, -1.0)]
@@ -286,6 +286,6 @@ def changing_sizes(
     step, _ = _most_probable(parts.fisher, _precision(found.model, parts.fisher.columns))
     series: list[SizeOverTime] = []
     for effect in shown:
-        held = np.array([fitted_parameter(d.name).size_in(parameters) for d in effect.perturbations])
-        series += parts.sizes_over_time(effect, step, parameters, held)
+        base_sizes = np.array([fitted_parameter(d.name).size_in(parameters) for d in effect.perturbations])
+        series += parts.sizes_over_time(effect, step, parameters, base_sizes)
     return tuple(series)

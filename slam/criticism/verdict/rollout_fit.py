@@ -157,8 +157,8 @@ def _needed(
 
 def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[FittedParameter]:
     """Return the constants that are healthy with a term and take its place without it."""
-    freed = [n for n in _FREE if n.is_beyond(without.parameters, model)]
-    return [n for n in freed if not n.is_beyond(fit.parameters, model)]
+    beyond = [n for n in _FREE if n.is_beyond(without.parameters, model)]
+    return [n for n in beyond if not n.is_beyond(fit.parameters, model)]
 
 
 def _out_of_range(

@@ -130,7 +130,7 @@ def _effects(columns: Sequence[str]) -> tuple[Effect, ...]:
 PICTURES = "pictures"
 USUAL_STD = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
 """Standard deviations of quantities that differ between healthy flights."""
-_FAINT = 1e-9
+_PRIOR = 1e-9
 """Information added on errors that nothing in a segment shows."""
 LEAST_INFORMATION = 1e-9
 """Least share of the information: a combination of errors with less is dropped."""
@@ -172,7 +172,7 @@ def picture_rows(
         seen = reprojection_score(record, matches, parameters, perturbations, along.part(begin, end))
         if not seen.rows:
             continue
-        information = seen.information + np.diag([_FAINT] * count + [std**-2.0 for std in USUAL_STD.values()])
+        information = seen.information + np.diag([_PRIOR] * count + [std**-2.0 for std in USUAL_STD.values()])
         # The ratio of squared residuals to their noise, once all that moves points is fitted.
         score, among = seen.score[points], information[np.ix_(points, points)]
         explained = float(score @ np.linalg.solve(among, score))

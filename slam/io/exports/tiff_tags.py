@@ -81,12 +81,12 @@ class TiffTags:
 
     def set_gps(self, values: Mapping[int, Value], drop: frozenset[int]) -> None:
         """Set tags of the GPS directory; tags in ``drop`` are removed, and the others stay."""
-        held: dict[int, bytes] = {}
+        entries: dict[int, bytes] = {}
         if (pointer := self._first.get(GPS_DIRECTORY)) is not None:
-            held, _ = self._directory(struct.unpack_from(self._order + "I", pointer, 8)[0])
-        held = {tag: entry for tag, entry in held.items() if tag not in drop}
-        held |= {tag: self._entry(tag, value) for tag, value in values.items()}
-        at = self._append(self._directory_bytes(held, 0))
+            entries, _ = self._directory(struct.unpack_from(self._order + "I", pointer, 8)[0])
+        entries = {tag: entry for tag, entry in entries.items() if tag not in drop}
+        entries |= {tag: self._entry(tag, value) for tag, value in values.items()}
+        at = self._append(self._directory_bytes(entries, 0))
         self._first[GPS_DIRECTORY] = struct.pack(self._order + "HHII", GPS_DIRECTORY, LONG, 1, at)
 
     def to_bytes(self) -> bytes:

@@ -26,7 +26,7 @@ def antenna_m(bundle: Bundle | None) -> tuple[float, float, float] | None:
 
 
 def antenna_place(bundle: Bundle | None) -> AntennaPlace | None:
-    """Return the place; None without positions, and where it was held."""
+    """Return the place; None without positions, and where it was fixed."""
     place = antenna_m(bundle)
     if bundle is None or place is None:
         return None

@@ -49,7 +49,7 @@ def estimated_mount(
 
 
 def mount_tilt(nominal: Camera | None, bundle: Bundle | None) -> MountTilt | None:
-    """Return the estimated mount relative to the nominal one; None if it was held."""
+    """Return the estimated mount relative to the nominal one; None if it was fixed."""
     if nominal is None or bundle is None or bundle.mount_std_rad == 0.0:
         return None
     turn = Rotation.from_matrix(bundle.b_T_c[:3, :3] @ nominal.b_T_c[:3, :3].T).as_rotvec()

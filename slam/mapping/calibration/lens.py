@@ -12,7 +12,7 @@ from slam.core.instrument_errors import LensNumber
 
 
 def lens_numbers(bundle: Bundle | None) -> Mapping[str, LensNumber] | None:
-    """Return each number of the calibration by its name; None if the calibration was held."""
+    """Return each number of the calibration by its name; None if the calibration was fixed."""
     if bundle is None or bundle.lens is None:
         return None
     lens, prior = bundle.lens, prior_calibration(bundle.optimum.problem.camera)

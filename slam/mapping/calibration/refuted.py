@@ -1,9 +1,9 @@
-"""Calibrations that are held as stated or assumed, and that the pictures refute: the lens, and the antenna.
+"""Calibrations that are fixed as stated or assumed, and that the pictures refute: the lens, and the antenna.
 
-A refuted calibration is freed: the flight is mapped again with it as a variable. It stays held where the
-flight does not tell it from the others, because then another cause explains the same residuals.
+A refuted calibration becomes a free parameter, with which the flight is mapped again. It stays fixed where
+the flight does not tell it from the others, because then another cause explains the same residuals.
 
-A lens that is stated with an uncertainty is a variable already, but within that. It is refuted where
+A lens that is stated with an uncertainty is a free parameter already, but within that. It is refuted where
 the evidence of a wider prior is very strong (`backend.bundle.lens_evidence`).
 """
 
@@ -31,52 +31,52 @@ from slam.mapping.part_measurements import pinhole_model
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
-Held = Literal["lens", "antenna"]
-HELD: tuple[Held, ...] = ("lens", "antenna")
-"""Calibrations that may be held."""
-_KINDS: dict[Held, tuple[Kind, ...]] = {"lens": LENS_KINDS, "antenna": ("position offset",)}
+Fixable = Literal["lens", "antenna"]
+FIXABLE: tuple[Fixable, ...] = ("lens", "antenna")
+"""Calibrations that may be fixed."""
+_KINDS: dict[Fixable, tuple[Kind, ...]] = {"lens": LENS_KINDS, "antenna": ("position offset",)}
 """Kinds of errors that each calibration makes where it is wrong."""
 
 
 _SUSPECT = 0.05
-"""Probability by chance of a held lens's score below which its evidence is computed, which then decides: one
+"""Probability by chance of a fixed lens's score below which its evidence is computed, which then decides: one
 flight in twenty with a right lens is refined once more."""
 
 
 @dataclass(frozen=True)
 class Refuted:
-    """A calibration that the map has as a variable because the pictures refute what is stated of it."""
+    """A calibration that the map has as a free parameter because the pictures refute what is stated of it."""
 
-    what: Held
+    what: Fixable
     errors: SystematicErrors | None
-    """The errors of the map that holds it; None of a lens that the evidence refutes."""
+    """The errors of the map in which it is fixed; None of a lens that the evidence refutes."""
 
 
 @dataclass(frozen=True)
-class Freed:
-    """The instruments as stated, after the refuted calibrations are freed."""
+class FreeCalibrations:
+    """The instruments as stated, with the refuted calibrations as free parameters."""
 
     camera: Camera
     gps: Gps | None
     refuted: tuple[Refuted, ...] = ()
-    """The calibrations that are freed, without a lens of another model that was stated as uncertain."""
+    """The calibrations that become free, without a lens of another model that was stated as uncertain."""
     reason: str = ""
-    """Why a refuted antenna is held all the same; empty where none is."""
+    """Why a refuted antenna is fixed all the same; empty where none is."""
     doubted_lens: Message | None = None
-    """Warning about a lens that is refuted and held all the same; None where none is."""
+    """Warning about a lens that is refuted and fixed all the same; None where none is."""
 
     def changes_nothing(self, camera: Camera) -> bool:
-        """Return whether nothing is freed of a map that was made with ``camera``."""
+        """Return whether a map that was made with ``camera`` has all of these parameters already."""
         return not self.refuted and self.camera is camera
 
 
 @dataclass(frozen=True)
 class Suspects:
-    """Held calibrations that may be the cause of errors."""
+    """Fixed calibrations that may be the cause of errors."""
 
-    refuted: tuple[Held, ...]
+    refuted: tuple[Fixable, ...]
     """Those without which the errors are not explained."""
-    others: tuple[Held, ...]
+    others: tuple[Fixable, ...]
     """Those that could explain the errors in the place of a refuted one."""
 
     def free(self, setup: Setup) -> Setup:
@@ -85,13 +85,13 @@ class Suspects:
             setup = replace(setup, camera=as_nominal(setup.camera))
         fixes = setup.readings.fixes
         if "antenna" in self.refuted and fixes is not None:
-            freed = replace(fixes, antenna_std_m=NOMINAL_ANTENNA_STD_M)
-            setup = replace(setup, readings=replace(setup.readings, fixes=freed))
+            free = replace(fixes, antenna_std_m=NOMINAL_ANTENNA_STD_M)
+            setup = replace(setup, readings=replace(setup.readings, fixes=free))
         return setup
 
 
 def suspects(bundle: Bundle | None, errors: SystematicErrors | None) -> Suspects:
-    """Return the held calibrations that may be the cause of errors.
+    """Return the fixed calibrations that may be the cause of errors.
 
     A lens is refuted by errors that displace the poses by more than their covariances state. The noise of
     positions is estimated from what they differ, an offset included, so that the covariances always include
@@ -100,31 +100,31 @@ def suspects(bundle: Bundle | None, errors: SystematicErrors | None) -> Suspects
     if bundle is None or errors is None:
         return Suspects((), ())
     measured = bundle.optimum.problem.measurements
-    held: list[Held] = [] if bundle.lens is not None or errors.excess <= 1.0 else ["lens"]
-    held += ["antenna"] if measured.positions and measured.antenna_std_m == 0 else []
-    refuted = tuple(what for what in held if any(kind in errors.coefficients for kind in _KINDS[what]))
-    # An antenna that may replace a lens is no lens: nothing is lost where it stays held.
-    others: tuple[Held, ...] = ()
+    fixed: list[Fixable] = [] if bundle.lens is not None or errors.excess <= 1.0 else ["lens"]
+    fixed += ["antenna"] if measured.positions and measured.antenna_std_m == 0 else []
+    refuted = tuple(what for what in fixed if any(kind in errors.coefficients for kind in _KINDS[what]))
+    # An antenna that may replace a lens is no lens: nothing is lost where it stays fixed.
+    others: tuple[Fixable, ...] = ()
     if "antenna" in refuted and "lens" not in refuted and bundle.lens is None:
         others = ("lens",) if any(kind in errors.alternatives for kind in LENS_KINDS) else ()
     return Suspects(refuted, others)
 
 
-def freed_by(
+def refuted_by_trial(
     trial: Bundle | None, suspected: Suspects, errors: SystematicErrors
 ) -> tuple[tuple[Refuted, ...], str]:
     """Return the suspects that a ``trial`` with all of them free determines, and why an antenna is none."""
     if trial is None:
         return (), ""
     reason = refusal_of_antenna(trial) if "antenna" in suspected.refuted else ""
-    determined: dict[Held, bool] = {"lens": trial.lens is not None, "antenna": not reason}
+    determined: dict[Fixable, bool] = {"lens": trial.lens is not None, "antenna": not reason}
     return tuple(Refuted(what, errors) for what in suspected.refuted if determined[what]), reason
 
 
-def is_held_lens_suspect(bundle: Bundle, tested: ErrorTest) -> bool:
-    """Return whether a held lens may be wrong although no error of it is beyond chance.
+def is_fixed_lens_suspect(bundle: Bundle, tested: ErrorTest) -> bool:
+    """Return whether a fixed lens may be wrong although no error of it is beyond chance.
 
-    The relief of the ground and the noise of all measurements are estimated with the held lens, and grow to
+    The relief of the ground and the noise of all measurements are estimated with the fixed lens, and grow to
     explain what it gets wrong. Against that noise, the score of the lens has little power.
     """
     if bundle.lens is not None or tested.errors is not None:
@@ -148,8 +148,8 @@ def is_stated_lens_doubted(camera: Camera, map_: Map) -> bool:
 def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, Message | None]:
     """Return ``camera`` with its lens known as well as the evidence of a ``trial`` says, else as it is.
 
-    The trial has the widest of the priors, that of `as_assumed`. Where its focal length is odd, the lens
-    stays as stated, and the second result is a warning.
+    The trial has the widest of the priors, that of `as_assumed`. Where its focal length is implausible, the
+    lens stays as stated, and the second result is a warning.
     """
     if trial.bundle is None or trial.bundle.lens is None or trial.camera.lens != camera.lens:
         return camera, None
@@ -157,8 +157,8 @@ def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, Message | None
     best = int(np.argmax(evidence))
     if evidence[best] - evidence[0] <= VERY_STRONG_NATS:
         return camera, None
-    if odd := OddFocal.of(camera, trial):
-        return camera, odd.warning(used=False)
+    if implausible := ImplausibleFocal.of(camera, trial):
+        return camera, implausible.warning(used=False)
     return with_lens_of(_priors(camera)[best], trial.camera), None
 
 
@@ -181,7 +181,7 @@ def _evidence(camera: Camera, map_: Map) -> Array:
 
 
 @dataclass(frozen=True)
-class OddFocal:
+class ImplausibleFocal:
     """A focal length that a map has estimated farther from the stated one than calibrations are wrong by.
 
     Pixels that are not square, relief and false matches look like another focal length. But one that was only
@@ -200,8 +200,8 @@ class OddFocal:
     """Whether positions contribute to the estimate."""
 
     @staticmethod
-    def of(camera: Camera, map_: Map) -> OddFocal | None:
-        """Return the odd estimate of a map made with ``camera``; None for a usual one."""
+    def of(camera: Camera, map_: Map) -> ImplausibleFocal | None:
+        """Return the implausible estimate of a map made with ``camera``; None for a plausible one."""
         if map_.bundle is None or map_.bundle.lens is None:
             return None
         known, stated_px = camera.stated or camera, camera.stated_numbers[0]
@@ -210,7 +210,7 @@ class OddFocal:
         if abs(found_px - stated_px) <= FARTHEST * std_ratio * stated_px:
             return None
         low, high = PLAUSIBLE_FOCAL
-        return OddFocal(
+        return ImplausibleFocal(
             stated_px=stated_px,
             found_px=found_px,
             std_ratio=std_ratio,
@@ -239,8 +239,8 @@ class OddFocal:
         )
 
 
-def focal_held(camera: Camera) -> Camera:
-    """Return ``camera`` with the lens that was stated before any flight, and its focal length held."""
+def with_fixed_focal(camera: Camera) -> Camera:
+    """Return ``camera`` with the lens that was stated before any flight, and its focal length fixed."""
     return replace(as_nominal(camera.stated or camera), focal_std_ratio=0.0)
 
 

@@ -30,17 +30,17 @@ def moved_since_m(
     what it does not cover. Where the map moves less during a run than a fix is uncertain, its fixes count.
     """
     moved_m, std_m = np.full(len(there_m), np.nan), nominal_limit_m(nominal_std_m) / STATED_SIGMAS
-    fresh = np.append(True, (np.diff(there_m[:, :2], axis=0) != 0).any(axis=1))[: len(there_m)]
-    if fresh.all():
+    updated = np.append(True, (np.diff(there_m[:, :2], axis=0) != 0).any(axis=1))[: len(there_m)]
+    if updated.all():
         return moved_m
-    turn = rough_turn(here_m[fresh], there_m[fresh], metric)
+    turn = rough_turn(here_m[updated], there_m[updated], metric)
     if turn is None:
         return moved_m
-    first = np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))
+    first = np.maximum.accumulate(np.where(updated, np.arange(len(updated)), 0))
     away_m = abs(turn) * np.linalg.norm(here_m[:, :2] - here_m[first, :2], axis=1)
-    farthest_m = np.zeros(len(fresh))
+    farthest_m = np.zeros(len(updated))
     np.fmax.at(farthest_m, first, away_m)
-    return np.where(~fresh & (farthest_m[first] > std_m), away_m, np.nan)
+    return np.where(~updated & (farthest_m[first] > std_m), away_m, np.nan)
 
 
 def stale_line(names: tuple[str, ...], moved_m: Array) -> Message | None:

@@ -50,8 +50,8 @@ class LiveLoops:
             [(i, newest) for i in pairs], self._store, front_end.camera, front_end.homography,
             front_end.config.gates,
         )  # fmt: skip
-        held = [r for r in verdicts if r.ok]
-        return held if keyframe.link is None else [keyframe.link, *held]
+        accepted = [r for r in verdicts if r.ok]
+        return accepted if keyframe.link is None else [keyframe.link, *accepted]
 
     def _overlaps_second(self) -> bool:
         """Return whether the newest keyframe overlaps the one before its neighbour, by the links between."""

@@ -156,12 +156,12 @@ def _turned(flight: Flight, clock: KnownClock, reference: str) -> Flight:
 
 
 def _joined(flights: Sequence[Flight], taken: Mapping[str, int], reference: Flight) -> Flight:
-    held: dict[str, Any] = {}
+    chosen: dict[str, Any] = {}
     sources: list[StreamSource] = []
     for folder, k in taken.items():
         name = FIELD_BY_FOLDER[folder]
         for field in _WITH_PICTURES if name == "frames" else (name,):
-            held[field] = getattr(flights[k], field)
+            chosen[field] = getattr(flights[k], field)
     for k, flight in enumerate(flights):
         for source in _sources(flight):
             winner = taken.get(source.stream, k)
@@ -178,7 +178,7 @@ def _joined(flights: Sequence[Flight], taken: Mapping[str, int], reference: Flig
         notes={key: text for flight in reversed(flights) for key, text in flight.notes.items()},
         messages=tuple(message for flight in flights for message in flight.messages),
         sources=tuple(sources),
-        **held,
+        **chosen,
     )
     return _from_zero(joined)
 

@@ -297,7 +297,8 @@ def _systematic_warning(context: Context, map_: Map, shared: SystematicErrors | 
     line = systematic_warning(shared, map_.camera, _main_height_m(map_), map_.metric, flight.camera_file)
     if not line:
         return None
-    held = [f"the antenna's place is held, because {context.still_held}"] if context.still_held else []
+    reason = context.reason_still_fixed
+    antenna = [f"the antenna's place is held, because {reason}"] if reason else []
     contradicted = [f"{c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
-    line = line.extended(*held, *contradicted)
+    line = line.extended(*antenna, *contradicted)
     return as_reason(line) if contradicted or is_outside_covariances(shared) else line

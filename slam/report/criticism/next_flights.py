@@ -55,11 +55,11 @@ def _what_stays(result: Criticism) -> str:
 
     if result.limits:
         return "what is not explained stays in the corrected readings"
-    held = [f.channel for f in distinct_findings(result) if is_in_the_file(f.channel, result)]
-    if not held:
+    in_file = [f.channel for f in distinct_findings(result) if is_in_the_file(f.channel, result)]
+    if not in_file:
         return STAYS
-    has = f"it has {enumerated([constant(name) for name in held])} as found"
-    count = len(distinct_findings(result)) - len(held)
+    has = f"it has {enumerated([constant(name) for name in in_file])} as found"
+    count = len(distinct_findings(result)) - len(in_file)
     others = either(count, "finding that is", f"{count} findings that are")
     return f"{has}, but stays wrong by the other {others} not explained" if count else has
 
@@ -154,6 +154,6 @@ def _how(result: Criticism, text: str) -> str:
         "" if result.limits or not _SHARE.search(text) else "Sticks are told as shares of full deflection. "
     )
     many = len(result.flights) >= FEWEST_FLIGHTS
-    more = "" if many else ": from then on whole flights are held out"
+    more = "" if many else ": from then on whole flights are in_file out"
     again = f"Repeat each manoeuvre in {FEWEST_FLIGHTS} recordings or more and judge them together with these"
     return f"{sticks}{again}{more}."

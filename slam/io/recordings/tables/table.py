@@ -74,12 +74,12 @@ def _fault_notes(fields: Fields, faults: Mapping[int, str], count: int) -> tuple
 def _unless_held(values: Array) -> Converted:
     """Return the rows that differ from the row before, and the others as missing."""
     keep = changed_rows(values)
-    held = int(np.isfinite(values[:, 0]).sum() - keep.sum())
+    repeated = int(np.isfinite(values[:, 0]).sum() - keep.sum())
     kept = np.where(keep[:, None], values, np.nan)
-    if held == 0:
+    if repeated == 0:
         return kept, ()
-    repeat = counted(held, "row repeats", "rows repeat")
-    return kept, (as_note(f"{repeat} the value before and {either(held, 'is', 'are')} left out"),)
+    repeat = counted(repeated, "row repeats", "rows repeat")
+    return kept, (as_note(f"{repeat} the value before and {either(repeated, 'is', 'are')} left out"),)
 
 
 def _height(fields: Fields) -> Converted:

@@ -39,8 +39,8 @@ def without_cut_end(path: Path, shown_s: Array) -> tuple[Array, tuple[str, ...]]
         stated, rate_hz = _stated_pictures(head)
         if stated >= _STREAMED:
             return shown_s, ()
-        held = len(shown_s) if len(shown_s) < 2 else 1 + round(float(np.ptp(shown_s)) * rate_hz)
-        if 0 < stated <= held:
+        shown_count = len(shown_s) if len(shown_s) < 2 else 1 + round(float(np.ptp(shown_s)) * rate_hz)
+        if 0 < stated <= shown_count:
             return shown_s, ()
         if _end_of_riff(path, size) > size:
             counted = f"; its header counts {stated} pictures" if stated else ""
@@ -48,7 +48,7 @@ def without_cut_end(path: Path, shown_s: Array) -> tuple[Array, tuple[str, ...]]
                 f"the file is cut short after {len(shown_s)} pictures{counted}; the last one, which may be "
                 f"incomplete, is left out; {COPY_AGAIN}",
             )
-        missing = stated - held
+        missing = stated - shown_count
         return shown_s, (
             f"{missing} of {stated} pictures that the header counts {either(missing, 'is', 'are')} missing "
             f"in the file, and pictures after them come too early by their times; {COPY_AGAIN}",

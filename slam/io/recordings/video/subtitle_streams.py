@@ -53,12 +53,14 @@ def subtitle_offers(subtitles: Subtitles, name: str) -> list[Offer]:
 def _readings(subtitles: Subtitles, values: Array, nominal: Mapping[str, Value]) -> StreamReadings:
     """Return the rows that differ from the row before; the others only hold it."""
     keep = changed_rows(values)
-    held = int(np.isfinite(values[:, 0]).sum() - keep.sum())
+    repeated = int(np.isfinite(values[:, 0]).sum() - keep.sum())
     notes = (
-        as_note(f"{held} of {held + int(keep.sum())} subtitles repeat the value before and were dropped"),
+        as_note(
+            f"{repeated} of {repeated + int(keep.sum())} subtitles repeat the value before and were dropped"
+        ),
     )
     stamps_ns = np.round(subtitles.stamps_s[keep] * 1e9).astype(np.int64)
-    return StreamReadings(stamps_ns, values[keep], nominal, notes * bool(held))
+    return StreamReadings(stamps_ns, values[keep], nominal, notes * bool(repeated))
 
 
 def _gps(subtitles: Subtitles) -> StreamReadings:

@@ -13,7 +13,13 @@ from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.bundle.accuracy.systematic_terms import Kind
 from frontend.camera import Camera
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M, refusal_of_antenna
-from slam.mapping.calibration.refuted import OddFocal, Suspects, focal_held, suspects, with_lens_of
+from slam.mapping.calibration.refuted import (
+    ImplausibleFocal,
+    Suspects,
+    suspects,
+    with_fixed_focal,
+    with_lens_of,
+)
 from slam.mapping.map import Map
 from tests.backend.bundle.test_antenna import RTK, flown, refined
 
@@ -63,7 +69,7 @@ def test_an_odd_focal_length_is_believed_against_an_assumed_one_alone(
     std_ratio: float, found_px: float, is_odd: bool, is_believed: bool
 ) -> None:
     told = Camera((500.0, 500.0), (319.5, 239.5), (640, 480), focal_std_ratio=std_ratio)
-    odd = OddFocal.of(told, stretched_map(told, found_px))
+    odd = ImplausibleFocal.of(told, stretched_map(told, found_px))
     assert (odd is not None) == is_odd
     if odd is not None:
         assert odd.is_believed == is_believed
@@ -71,6 +77,6 @@ def test_an_odd_focal_length_is_believed_against_an_assumed_one_alone(
         assert ("the map has that one" in odd.warning(used=is_believed).text) == is_believed
     # What was told of a lens remains so when a map has estimated it.
     again = with_lens_of(told, stretched_map(told, found_px).camera)
-    assert (OddFocal.of(again, stretched_map(again, found_px)) is not None) == is_odd
-    assert focal_held(again).focal_px == told.focal_px
-    assert focal_held(again).focal_std_ratio == 0.0
+    assert (ImplausibleFocal.of(again, stretched_map(again, found_px)) is not None) == is_odd
+    assert with_fixed_focal(again).focal_px == told.focal_px
+    assert with_fixed_focal(again).focal_std_ratio == 0.0

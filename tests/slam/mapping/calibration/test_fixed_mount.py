@@ -16,7 +16,7 @@ from slam import optimize
 from slam.core.flight import Flight
 from slam.evaluation import evaluate
 from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
-from slam.mapping.calibration.held_mount import held_mount_covariance, mount_displacements
+from slam.mapping.calibration.fixed_mount import fixed_mount_covariance, mount_displacements
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from tests.slam.mapping.calibration.test_attitude_floor_tilt import askew
 from tests.slam.small_flight import flown
@@ -32,24 +32,24 @@ def test_the_mount_has_its_share_of_the_lean() -> None:
     rng = np.random.default_rng(0)
     mount, zero = rng.normal(0, 0.03, (2, 20_000, 2))
     lean = mount + zero
-    told = np.array([held_mount_covariance(leaning(y, -x), None) for x, y in lean])
+    told = np.array([fixed_mount_covariance(leaning(y, -x), None) for x, y in lean])
     assert np.mean(np.linalg.trace(told)) == pytest.approx(np.mean((mount**2).sum(axis=1)), rel=0.03)
     error = np.array([0.03, -0.04])
-    told_of_it = held_mount_covariance(leaning(error[1], -error[0]), None)
+    told_of_it = fixed_mount_covariance(leaning(error[1], -error[0]), None)
     assert error @ np.linalg.solve(told_of_it, error) == pytest.approx(8 / 3, rel=1e-3)
 
 
 def test_a_lean_by_chance_is_no_mount() -> None:
     noise = replace(leaning(0.01, 0.0), body_std=0.01)
-    assert not held_mount_covariance(noise, None).any()
+    assert not fixed_mount_covariance(noise, None).any()
 
 
 def test_an_exact_mount_is_believed_until_a_clear_lean_contradicts_it() -> None:
     vague, clear = leaning(3e-4, 0.0), leaning(5e-4, 0.0)
-    assert held_mount_covariance(vague, None).any()
-    assert not held_mount_covariance(vague, None, stated_exact=True).any()
+    assert fixed_mount_covariance(vague, None).any()
+    assert not fixed_mount_covariance(vague, None, stated_exact=True).any()
     np.testing.assert_array_equal(
-        held_mount_covariance(clear, None, stated_exact=True), held_mount_covariance(clear, None)
+        fixed_mount_covariance(clear, None, stated_exact=True), fixed_mount_covariance(clear, None)
     )
 
 
@@ -61,20 +61,20 @@ def by_inertia(forward_rad: float, std_rad: float) -> AccelerometerScale:
 
 def test_a_vague_accelerometer_limits_a_clear_lean_of_the_attitude_by_its_noise_alone() -> None:
     clear = leaning(0.05, 0.0)
-    alone, vague = (held_mount_covariance(clear, each) for each in (None, by_inertia(0.0, 0.02)))
+    alone, vague = (fixed_mount_covariance(clear, each) for each in (None, by_inertia(0.0, 0.02)))
     assert 0.1 * alone[1, 1] < vague[1, 1] < 0.5 * alone[1, 1]
-    sharp = held_mount_covariance(clear, by_inertia(1e-4, 1e-4))
+    sharp = fixed_mount_covariance(clear, by_inertia(1e-4, 1e-4))
     assert sharp[1, 1] < 1e-3 * alone[1, 1]
-    both = held_mount_covariance(clear, by_inertia(0.05, 1e-4), stated_exact=True)
+    both = fixed_mount_covariance(clear, by_inertia(0.05, 1e-4), stated_exact=True)
     assert both[1, 1] == pytest.approx(alone[1, 1], rel=1e-3)
-    assert not held_mount_covariance(clear, by_inertia(0.0, 0.02), stated_exact=True).any()
+    assert not fixed_mount_covariance(clear, by_inertia(0.0, 0.02), stated_exact=True).any()
 
 
 def test_a_lean_forward_is_a_rotation_about_left() -> None:
-    told = held_mount_covariance(leaning(0.05, 0.0), None)
+    told = fixed_mount_covariance(leaning(0.05, 0.0), None)
     assert told[1, 1] == pytest.approx(3 * told[0, 0])
     assert 2 * np.sqrt(told[1, 1]) > 0.05
-    assert not held_mount_covariance(None, None).any()
+    assert not fixed_mount_covariance(None, None).any()
 
 
 def test_the_body_turns_about_the_camera() -> None:

@@ -1,4 +1,4 @@
-"""How uncertain the mount of a camera is that is held at its nominal value.
+"""How uncertain the mount of a camera is that is fixed at its nominal value.
 
 Pictures show how the camera leans against the floor, and not how the body does: a wrong mount turns all
 poses about the camera, and no residual shows it. What shows it are instruments that measure which way is up.
@@ -18,10 +18,10 @@ from slam.mapping.calibration.inertial_scale import AccelerometerScale
 Array = NDArray[np.float64]
 
 
-def held_mount_covariance(
+def fixed_mount_covariance(
     tilt: AttitudeFloorTilt | None, by_inertia: AccelerometerScale | None, stated_exact: bool = False
 ) -> Array:
-    """Return the covariance (2, 2) of the error of a held mount, a rotation about the body's x and y in rad.
+    """Return the covariance (2, 2) of the error of a fixed mount, a rotation about the body's x and y in rad.
 
     Mount and zero of the instrument are two normal errors of mean zero and of one unknown size. Their sum is
     the measured lean, whose square, less that of its noise, determines the size. The second moment of the
