@@ -73,7 +73,8 @@ def _first_readable(pictures: Sequence[Path]) -> dict[Path, Image]:
     from slam.core.errors import InputError
     from slam.core.names import listed
     from slam.io.files import shown
-    from slam.io.images import UnreadableImageError, read_image
+    from slam.io.images import read_image
+    from slam.io.picture_headers import UnreadableImageError
 
     reasons = []
     for path in pictures:
@@ -94,7 +95,8 @@ def locations_csv(found: Sequence[tuple[Path, Location]]) -> str:
 
 
 def _located(relocalizer: Relocalizer, path: Path, decoded: Image | None) -> Location:
-    from slam.io.images import UnreadableImageError, read_image
+    from slam.io.images import read_image
+    from slam.io.picture_headers import UnreadableImageError
     from slam.mapping.relocation import nowhere
 
     try:

@@ -16,7 +16,8 @@ from slam.core.messages import Line
 from slam.core.streams import Frames
 from slam.io.csv_stream import CsvTable
 from slam.io.files import brief, check_inside, refusal
-from slam.io.images import PictureFiles, UnreadableImageError, common_levels, image_size
+from slam.io.images import PictureFiles, common_levels
+from slam.io.picture_headers import UnreadableImageError, image_size
 from slam.io.sensor_yaml import YamlFile
 from slam.io.transparent_pixels import transparent_pixels
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from frontend.workers import Workers
 from slam.core.progress import Progress
 from slam.core.streams import Frames, Image
-from slam.io.images import PictureFiles, UnreadableImageError, image_size, suffix_of
+from slam.io.images import PictureFiles
 from slam.io.narrow_pictures import NarrowPictures
+from slam.io.picture_headers import UnreadableImageError, image_size, suffix_of
 from slam.io.recorded_pictures import RecordedPictures
 
 Array = NDArray[np.float64]

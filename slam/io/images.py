@@ -1,4 +1,6 @@
-"""Reading of one picture (PNG, JPEG or TIFF) from an untrusted file, as 8 bits. The header is checked first.
+"""Reading of one picture (PNG, JPEG or TIFF) from an untrusted file, as 8 bits.
+
+The header is checked first (`slam.io.picture_headers`).
 
 Pillow decodes, because it refuses a truncated picture, where OpenCV fills the rest with grey. Pixels of more
 than 8 bits are decoded by OpenCV (PNG) and GDAL (TIFF), and converted as ``slam.io.levels`` describes. EXIF
@@ -10,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-import struct
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -24,30 +25,25 @@ from PIL import Image as Pillow
 from frontend.picture_check import reduced_size
 from slam.core.messages import Line
 from slam.core.streams import Image
-from slam.io.content import content_name
 from slam.io.content_key import digest_with, file_key
 from slam.io.levels import Levels, Raw, levels_of, range_of
+from slam.io.picture_headers import (
+    HEADER_BYTES,
+    MAX_BYTES,
+    PNG,
+    UnreadableImageError,
+    check_size,
+    encoded_header,
+    picture_header,
+    read_bytes,
+)
 from slam.io.tiff import MAGIC as TIFF_MAGIC
-from slam.io.tiff import gdal_pixels, tiff_header, unusual_tiff
+from slam.io.tiff import gdal_pixels, unusual_tiff
 
-MAX_PIXELS = 89_000_000
-"""Largest number of pixels, just below the limit at which Pillow reports a decompression bomb."""
-_MOST_SAMPLES = 4
-"""Largest number of samples of a pixel that Pillow reads: three colours and transparency."""
-MAX_BYTES = 1 << 29
-HEADER_BYTES = 1 << 18
-"""Number of bytes that contain the EXIF, XMP and maker's blocks that precede the size in a JPEG."""
-
-_PNG = b"\x89PNG\r\n\x1a\n"
-_JPEG_SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _TAG_BLOCKS = re.compile(rb"(\xff[\xe1\xe2]..)(Exif|MPF\0)", re.DOTALL)
 """Start of a JPEG's Exif and multi-picture blocks."""
 _PICTURES_FOR_LEVELS = 8
 """Number of pictures from which the levels are taken. One with a bright spot is enough."""
-
-
-class UnreadableImageError(Exception):
-    """A picture cannot be used. The message is the reason, short enough to count pictures by it."""
 
 
 @dataclass
@@ -97,9 +93,9 @@ def read_image(
     as small as `reduced_size` says, which takes a fraction of the time. Raises ``UnreadableImageError`` if
     the file is missing, damaged, too large, or not of ``size_px``.
     """
-    header = _header(path)
+    header = picture_header(path)
     check_size(header.size_px, size_px)
-    return _eight_bit(*_decoded(_bytes(path, MAX_BYTES), header.is_deep, side_px), levels)
+    return _eight_bit(*_decoded(read_bytes(path, MAX_BYTES), header.is_deep, side_px), levels)
 
 
 def decode_image(data: bytes, size_px: tuple[int, int] | None = None) -> Image:
@@ -107,32 +103,9 @@ def decode_image(data: bytes, size_px: tuple[int, int] | None = None) -> Image:
 
     Raises ``UnreadableImageError``.
     """
-    header = _png_or_jpeg_header(data[:HEADER_BYTES])
+    header = encoded_header(data)
     check_size(header.size_px, size_px)
     return _eight_bit(*_decoded(data, header.is_deep), None)
-
-
-def encoded_size(data: bytes) -> tuple[int, int]:
-    """Return (width, height) of a PNG or JPEG by its header. Raises ``UnreadableImageError``."""
-    return _png_or_jpeg_header(data[:HEADER_BYTES]).size_px
-
-
-def check_encoded(data: bytes, size_px: tuple[int, int]) -> None:
-    """Raise ``UnreadableImageError`` where data are no PNG or JPEG of that size (width, height), by their
-    header.
-    """
-    check_size(encoded_size(data), size_px)
-
-
-def check_size(size: tuple[int, int], size_px: tuple[int, int] | None) -> None:
-    """Raise ``UnreadableImageError`` where a size (width, height) differs from the one that is expected."""
-    if size_px is not None and size != size_px:
-        raise UnreadableImageError(f"is {size[0]} x {size[1]} px, not {size_px[0]} x {size_px[1]}")
-
-
-def suffix_of(data: bytes) -> str:
-    """Return the suffix of a picture's file, by its content."""
-    return ".png" if data.startswith(_PNG) else ".jpg"
 
 
 def _eight_bit(pixels: Raw, is_integer: bool, levels: Levels | None) -> Image:
@@ -184,7 +157,7 @@ def _unread_samples(paths: Sequence[Path]) -> list[str]:
     most = 0
     for k in sample_of(len(paths)):
         with contextlib.suppress(UnreadableImageError):
-            most = max(most, _header(paths[k]).of_samples)
+            most = max(most, picture_header(paths[k]).of_samples)
     return (
         [f"pictures have {most} samples a pixel: the first alone is read; convert them if others show more"]
         if most
@@ -195,86 +168,8 @@ def _unread_samples(paths: Sequence[Path]) -> list[str]:
 def _deep_pictures(paths: Sequence[Path]) -> Iterator[tuple[Raw, bool]]:
     for k in sample_of(len(paths)):
         with contextlib.suppress(UnreadableImageError):
-            if _header(paths[k]).is_deep:
-                yield _decoded(_bytes(paths[k], MAX_BYTES), is_deep=True)
-
-
-def image_size(path: Path) -> tuple[int, int]:
-    """Return (width, height) from the header alone. Raises ``UnreadableImageError``."""
-    return _header(path).size_px
-
-
-@dataclass(frozen=True)
-class _Header:
-    size_px: tuple[int, int]
-    is_deep: bool = False
-    """Whether Pillow alone does not read all of its pixels: more than 8 bits or, in a TIFF, than four
-    samples."""
-    of_samples: int = 0
-    """Number of samples of a pixel of which the first alone is read; 0 where all are read."""
-
-
-def _header(path: Path) -> _Header:
-    head = _bytes(path, HEADER_BYTES, whole=False)
-    return _checked(_tiff_header(path)) if head.startswith(TIFF_MAGIC) else _png_or_jpeg_header(head)
-
-
-def _png_or_jpeg_header(head: bytes) -> _Header:
-    if head.startswith(_PNG) and head[12:16] == b"IHDR" and len(head) >= 25:
-        header = _Header(struct.unpack(">II", head[16:24]), head[24] == 16)
-    elif head.startswith(b"\xff\xd8"):
-        header = _Header(_jpeg_size(head))
-    else:
-        raise UnreadableImageError(_format_reason(head))
-    return _checked(header)
-
-
-def _checked(header: _Header) -> _Header:
-    """Return the header, or raise ``UnreadableImageError`` for an impossible size."""
-    width, height = header.size_px
-    if width <= 0 or height <= 0:
-        raise UnreadableImageError("damaged")
-    if width * height > MAX_PIXELS:
-        raise UnreadableImageError(f"is {width} x {height} px, more than {MAX_PIXELS // 10**6} million")
-    return header
-
-
-def _tiff_header(path: Path) -> _Header:
-    try:
-        with path.open("rb") as file:
-            header = tiff_header(file)
-        complete = header.end <= path.stat().st_size
-    except OSError as error:
-        raise UnreadableImageError(
-            f"unreadable ({error.strerror})" if error.strerror else "damaged"
-        ) from error
-    except Exception as error:  # Pillow raises any exception for a damaged file
-        raise UnreadableImageError("damaged") from error
-    if not complete:
-        raise UnreadableImageError("truncated")
-    if header.decoded_bytes > MAX_BYTES:
-        raise UnreadableImageError(f"needs more than {MAX_BYTES >> 20} MB")
-    of_samples = header.samples if header.samples > _MOST_SAMPLES else 0
-    return _Header(header.size_px, header.bits > 8 or of_samples > 0, of_samples)
-
-
-def _jpeg_size(head: bytes) -> tuple[int, int]:
-    """Return the size in the frame header after the marker segments (ITU T.81, annex B)."""
-    at = 2
-    while at + 9 <= len(head):
-        if head[at] != 0xFF:
-            break
-        marker = head[at + 1]
-        if marker == 0xFF:
-            at += 1
-        elif marker in _JPEG_SIZE_MARKERS:
-            height, width = struct.unpack(">HH", head[at + 5 : at + 9])
-            return width, height
-        elif marker == 0x01 or 0xD0 <= marker <= 0xD8:
-            at += 2
-        else:
-            at += 2 + struct.unpack(">H", head[at + 2 : at + 4])[0]
-    raise UnreadableImageError("truncated" if len(head) < HEADER_BYTES else "damaged")
+            if picture_header(paths[k]).is_deep:
+                yield _decoded(read_bytes(paths[k], MAX_BYTES), is_deep=True)
 
 
 def _decoded(data: bytes, is_deep: bool, side_px: int | None = None) -> tuple[Raw, bool]:
@@ -283,7 +178,7 @@ def _decoded(data: bytes, is_deep: bool, side_px: int | None = None) -> tuple[Ra
         if data.startswith(TIFF_MAGIC) and is_deep:
             pixels, is_integer = gdal_pixels(data)
             return (np.ascontiguousarray(pixels[..., ::-1]) if pixels.ndim == 3 else pixels), is_integer
-        if data.startswith(_PNG):
+        if data.startswith(PNG):
             # Pillow checks no CRC while decoding, so a flipped bit would be undetected.
             Pillow.open(io.BytesIO(data), formats=["PNG"]).verify()
         elif not data.startswith(TIFF_MAGIC):
@@ -322,25 +217,3 @@ def _pixels(picture: Pillow.Image) -> Image:
         return np.array(picture.convert("L"))
     # numpy takes ten times as long to reverse the channels.
     return np.asarray(cv2.cvtColor(np.asarray(picture.convert("RGB")), cv2.COLOR_RGB2BGR), dtype=np.uint8)
-
-
-def _bytes(path: Path, limit: int, whole: bool = True) -> bytes:
-    try:
-        if not path.is_file():
-            raise UnreadableImageError("missing" if not path.exists() else "not a file")
-        with open(path, "rb") as file:
-            data = file.read(limit + 1 if whole else limit)
-    except OSError as error:
-        raise UnreadableImageError(f"unreadable ({error.strerror})") from error
-    if len(data) > limit:
-        raise UnreadableImageError(f"larger than {limit >> 20} MB")
-    return data
-
-
-def _format_reason(head: bytes) -> str:
-    if not head.strip(b"\0"):
-        return "empty" if not head else "zeroed"
-    if _PNG.startswith(head[:8]) or head.startswith(_PNG):
-        return "truncated"
-    name = content_name(head)
-    return f"is {name}, no PNG, JPEG or TIFF" if name else "no PNG, JPEG or TIFF"

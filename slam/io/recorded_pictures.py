@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from slam.core.picture_content import KnowsContent
 from slam.core.streams import Image
 from slam.io.content_key import digest_with
-from slam.io.images import UnreadableImageError, check_encoded, check_size, decode_image
+from slam.io.images import decode_image
+from slam.io.picture_headers import UnreadableImageError, check_encoded, check_size
 
 
 @dataclass

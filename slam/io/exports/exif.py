@@ -16,8 +16,8 @@ from slam.io.exports.picture_tags import with_tags
 from slam.io.exports.tiff_tags import TiffTags
 from slam.io.exports.xmp_position import with_position
 from slam.io.files import read_bytes, refusal
-from slam.io.images import MAX_BYTES
 from slam.io.photos.search import find_photos
+from slam.io.picture_headers import MAX_BYTES
 
 
 def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:

@@ -20,11 +20,11 @@ from PIL.ExifTags import GPS, IFD, Base
 
 from slam.core.errors import InputError
 from slam.io.content import unreadable_reason
-from slam.io.images import MAX_PIXELS
 from slam.io.photos.lens_tags import LensTags, read_lens
 from slam.io.photos.position import PhotoPosition, read_position
 from slam.io.photos.tag_values import number, numbers, positive, text
 from slam.io.photos.xmp import Xmp, parse_xmp
+from slam.io.picture_headers import MAX_PIXELS
 from slam.io.tiff import MAGIC as TIFF_MAGIC
 from slam.io.tiff import XMP_TAG, tiff_header
 

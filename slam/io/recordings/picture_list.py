@@ -13,8 +13,8 @@ from slam.core.lens_priors import UNKNOWN_FOCAL_STD_RATIO
 from slam.core.messages import Line
 from slam.core.streams import Image
 from slam.io.files import read_bytes, refusal
-from slam.io.images import MAX_BYTES, UnreadableImageError, image_size
 from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px
+from slam.io.picture_headers import MAX_BYTES, UnreadableImageError, image_size
 from slam.io.recordings.recording import PictureChannel
 
 MOUNT_NOTE = "looking straight down with the nose at the top assumed; run slam import to correct T_BS"

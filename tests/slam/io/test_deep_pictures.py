@@ -10,9 +10,10 @@ import pytest
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.io import MemoryFile
 
-from slam.io.images import UnreadableImageError, common_levels, image_size, read_image
+from slam.io.images import common_levels, read_image
 from slam.io.levels import Levels
 from slam.io.photos.import_photos import import_photos
+from slam.io.picture_headers import UnreadableImageError, image_size
 from tests.slam.io.made_flight import picture
 
 SIZE = (60, 44)

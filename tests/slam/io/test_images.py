@@ -11,15 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from slam.io.images import (
-    MAX_PIXELS,
-    PictureFiles,
-    UnreadableImageError,
-    common_levels,
-    image_size,
-    read_image,
-)
+from slam.io.images import PictureFiles, common_levels, read_image
 from slam.io.levels import Levels
+from slam.io.picture_headers import MAX_PIXELS, UnreadableImageError, image_size
 from tests.slam.io.made_flight import picture
 
 SIZE = (60, 44)

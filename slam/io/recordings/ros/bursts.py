@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from slam.core.errors import InputError
 from slam.core.rotations import rotation_of
 from slam.core.streams import Image
-from slam.io.images import UnreadableImageError, decode_image
+from slam.io.images import decode_image
 from slam.io.levels import levels_of, range_of
+from slam.io.picture_headers import UnreadableImageError
 from slam.io.recordings.readers import damage_reported
 from slam.io.recordings.recording import Burst
 from slam.io.recordings.ros.camera import picture_of

@@ -12,8 +12,8 @@ from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.messages import Line, as_unread
 from slam.io.down_looking import MAX_TILT_DEG, NOSE_AT_TOP, axis_tilt_deg, tilt_remark
 from slam.io.files import brief
-from slam.io.images import UnreadableImageError, encoded_size, suffix_of
 from slam.io.levels import Raw
+from slam.io.picture_headers import UnreadableImageError, encoded_size, suffix_of
 from slam.io.recordings.ros import pixels as ros_pixels
 from slam.io.recordings.ros.lens import UnknownLensError, lens_of
 

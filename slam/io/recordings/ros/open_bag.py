@@ -18,8 +18,9 @@ from slam.core.messages import Line
 from slam.core.streams import Image
 from slam.io.content_key import digest_with, source_key
 from slam.io.files import brief
-from slam.io.images import UnreadableImageError, levels_of_sample, sample_of
+from slam.io.images import levels_of_sample, sample_of
 from slam.io.levels import Raw
+from slam.io.picture_headers import UnreadableImageError
 from slam.io.recordings.ros.camera import info_of, picture_of
 from slam.io.recordings.ros.messages import CAMERA_INFO, IMAGE_KINDS
 from slam.io.recordings.ros.rules import RULES

@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from slam.io.images import UnreadableImageError
 from slam.io.levels import Raw
+from slam.io.picture_headers import UnreadableImageError
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from slam.core.streams import Image
 from slam.io.content_key import digest_with, file_key
 from slam.io.files import brief, refusal
-from slam.io.images import UnreadableImageError
+from slam.io.picture_headers import UnreadableImageError
 
 Array = NDArray[np.float64]
 
