@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.compilation import discard_stale, njit
+from backend.compilation import allocating_kernel, discard_stale, inner_kernel, kernel
 from backend.measurements import GRAVITY_M_S2
 from slam.simulation.state import HOLD_X as HOLD_X
 from slam.simulation.state import HOLD_Y as HOLD_Y
@@ -118,20 +118,20 @@ HOLD_FOLLOW_1_S = 10.0
 """Rate at which the set point follows a vehicle that is being flown, in 1/s."""
 
 
-@njit(cache=True)
+@inner_kernel
 def _stick(s: float, parameters: Array) -> float:
     """Apply ``command_nonlinearity`` to a stick: first the dead band, then the cubic."""
     beyond = max(abs(s) - parameters[DEAD_BAND], 0.0)
     return math.copysign(beyond + parameters[CUBIC] * beyond**3, s)
 
 
-@njit(cache=True)
+@inner_kernel
 def noise_share(z: float, parameters: Array) -> float:
     """Return the share of the hold noise at height z: 1 in the air, 0 on the floor."""
     return float(min(max((z - parameters[GEAR]) / parameters[FADE], 0.0), 1.0))
 
 
-@njit(cache=True)
+@inner_kernel
 def thrust(roll: float, pitch: float, parameters: Array) -> tuple[float, float]:
     """Return the horizontal force over the weight, forward and left: (R13, R23) / R33 at yaw 0."""
     if parameters[SMALL_ANGLE] < 0.5:
@@ -139,7 +139,7 @@ def thrust(roll: float, pitch: float, parameters: Array) -> tuple[float, float]:
     return pitch, -roll
 
 
-@njit(cache=True)
+@kernel
 def derivative(state: Array, command: Array, noise: Array, parameters: Array, rate: Array) -> None:
     """Write d(state)/dt into ``rate``. Shapes: ``STATE``, ``COMMAND``, ``NOISE``, ``PARAMETERS``, ``STATE``.
 
@@ -149,7 +149,7 @@ def derivative(state: Array, command: Array, noise: Array, parameters: Array, ra
     rates(state, math.cos(state[YAW]), math.sin(state[YAW]), ahead, aside, command, noise, parameters, rate)
 
 
-@njit(cache=True)
+@inner_kernel
 def rates(
     state: Array, c: float, s: float, ahead: float, aside: float, command: Array, noise: Array,
     parameters: Array, rate: Array,
@@ -221,13 +221,13 @@ def rates(
     rate[VX], rate[VY], rate[VZ] = ax, ay, az
 
 
-@njit(cache=True)
+@inner_kernel
 def _copy(source: Array, into: Array) -> None:
     for i in range(source.shape[0]):  # an assignment of arrays takes seconds to compile
         into[i] = source[i]
 
 
-@njit(cache=True)
+@inner_kernel
 def _rk4(
     state: Array,
     command: Array,
@@ -256,7 +256,7 @@ def _rk4(
         state[i] += h * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]) / 6.0
 
 
-@njit(cache=True)
+@allocating_kernel
 def integrate(start: Array, command: Array, noise: Array, parameters: Array, step_s: float) -> Array:
     """Return the states of all members at all nodes: (members, steps + 1, STATE).
 
@@ -296,7 +296,7 @@ class Moments(NamedTuple):
     """(n, 3) derivative of w."""
 
 
-@njit(cache=True)
+@allocating_kernel
 def read_out(states: Array, noise: Array, parameters: Array, moments: Moments) -> tuple[Array, Array, Array]:
     """Return state (n, STATE), its rate (n, STATE) and the acceleration d(v + w)/dt (n, 3) at n moments.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from backend.compilation import inner_kernel, kernel
+from backend.compilation import inlined_kernel, inner_kernel, kernel
 from slam.core.arrays import Array
 from slam.criticism.kalman.arrays import FilterRun, KalmanState
 from slam.criticism.kalman.noise import (
@@ -52,7 +52,7 @@ from slam.criticism.kalman.transition import (
     split_state,
     transition,
 )
-from slam.simulation.dynamics import GEAR, PITCH, ROLL, UP, VX, VZ, Z, derivative, noise_share
+from slam.simulation.dynamics import DISCHARGE, GEAR, PITCH, ROLL, UP, VX, VZ, Z, derivative, noise_share
 
 USED, OUTLIER, IGNORED = 1, 2, 0
 Z_STD = MOVING
@@ -70,7 +70,7 @@ SONAR_MARGIN = 4.0
 """Ranges predicted within so many standard deviations of the limits are ignored: half of them are missing."""
 
 
-@inner_kernel
+@inlined_kernel
 def predict(s: int, filtered: FilterRun) -> None:
     """Predict state and covariance over step ``s``, and write the step's matrices into ``filtered.step``."""
     command, model, step, scratch = filtered.command, filtered.model, filtered.step, filtered.scratch
@@ -82,7 +82,10 @@ def predict(s: int, filtered: FilterRun) -> None:
     mean_step(h, state, stick, model, step, scratch)
     covariance_step(h, p, step.slopes, step.matrix, step.q, step.work)
     step.late_stick_noise[:], step.contact_variance[:] = 0.0, 0.0
-    if late_s > 0.0 and jump[:5].any():
+    size = 0.0
+    for i in range(DISCHARGE):  # the share of the charge changes steadily
+        size += abs(jump[i])
+    if late_s * size > 0.0:
         # A jump of the stick that is t late shifts the state by t times the jump of its rate.
         full, other, moved, late = scratch.full, scratch.nudged_rate, scratch.stick, step.late_stick_noise
         for i in range(len(stick)):
@@ -255,7 +258,7 @@ def _keep(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
             t[i, d] = estimate.sensitivity[i, d]
 
 
-@inner_kernel
+@inlined_kernel
 def _take_reading(e: int, filtered: FilterRun) -> None:
     """Predict the reading of an event, and update the estimate with it."""
     events, model, step, rate = filtered.events, filtered.model, filtered.step, filtered.expected.rate

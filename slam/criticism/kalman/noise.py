@@ -17,7 +17,7 @@ from backend.compilation import inner_kernel
 from slam.core.arrays import Array
 from slam.criticism.kalman.arrays import Ar1Noise, FilterRun, NoiseChangeArrays, StepBuffers
 from slam.criticism.kalman.readings import FIRST_CHANNEL, MOVING, TARGET, WIDTH
-from slam.criticism.kalman.sensitivity import carry
+from slam.criticism.kalman.sensitivity import add_multiple, carry
 from slam.criticism.kalman.transition import covariance_step, process_noise, transition
 
 WHITE = -1
@@ -75,10 +75,8 @@ def correct_noise(noise: Ar1Noise, ph: Array, s_var: float, miss: float, changes
         noise.mean[i] += gain * miss
         for a in range(n):
             noise.cross[a, i] -= gain * ph[a]
-        for b in range(k):
-            noise.own[i, b] -= gain * noise.reading_cov[b]
-        for d in range(len(changes)):
-            noise.sensitivity[i, d] -= gain * changes[d]
+        add_multiple(-gain, noise.reading_cov, noise.own[i])
+        add_multiple(-gain, changes, noise.sensitivity[i])
 
 
 @inner_kernel

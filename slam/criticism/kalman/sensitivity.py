@@ -13,7 +13,7 @@ from backend.compilation import inner_kernel
 from backend.sparse_product import multiply_sparse
 from slam.core.arrays import Array
 from slam.criticism.kalman.arrays import FilterRun
-from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
+from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOVING, WIDTH, reading
 from slam.criticism.kalman.transition import NOISES, POLE, split_state
 from slam.simulation.dynamics import COMMAND, GUST_X, GUST_Y, PITCH, ROLL, UP, VX, YAW, rates, thrust
 
@@ -167,21 +167,19 @@ def direct_change(event: int, filtered: FilterRun) -> None:
 
 @inner_kernel
 def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
-    """Propagate sensitivities (n, m) over a step in place; ``moved`` (>= 10, >= m) is a buffer."""
+    """Propagate sensitivities (n, m) over a step in place; ``moved`` (n, >= m) is a buffer."""
     n, m = sensitivity.shape
-    multiply_sparse(matrix, sensitivity, MOVING, m, moved)
-    for i in range(MOVING):
+    multiply_sparse(matrix, sensitivity, n, m, moved)
+    for i in range(n):
         for d in range(m):
             sensitivity[i, d] = moved[i, d]
-    # Among the noises, w depends on o, and the others on themselves alone.
-    for i in range(n - 1, MOVING - 1, -1):
-        x = matrix[i, i]
-        for d in range(m):
-            sensitivity[i, d] *= x
-        if BEHIND <= i < GUST:
-            x = matrix[i, i - BEHIND + BEFORE]
-            for d in range(m):
-                sensitivity[i, d] += x * sensitivity[i - BEHIND + BEFORE, d]
+
+
+@inner_kernel
+def add_multiple(factor: float, row: Array, target: Array) -> None:
+    """Add ``factor`` times ``row`` to the equally long ``target``, in place."""
+    for d in range(len(target)):
+        target[d] += factor * row[d]
 
 
 @inner_kernel
@@ -194,11 +192,7 @@ def correct_sensitivity(
     for d in range(len(change)):
         change[d] = direct[d]
     for k in range(len(h)):
-        x = h[k]
-        if x != 0.0:
-            for d in range(len(change)):
-                change[d] += x * sensitivity[k, d]
+        if h[k] != 0.0:
+            add_multiple(h[k], sensitivity[k], change)
     for i in range(len(ph)):
-        x = ph[i] / s_var
-        for d in range(len(change)):
-            sensitivity[i, d] -= x * change[d]
+        add_multiple(-ph[i] / s_var, change, sensitivity[i])

@@ -188,19 +188,19 @@ def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
         for j in range(n):
             matrix[i, j] = h * slopes[i, j]
         matrix[i, i] += 1.0
-        for k in range(MOVING):
-            x = 0.5 * h * h * slopes[i, k]
-            if x != 0.0:
-                for j in range(n):
-                    matrix[i, j] += x * slopes[k, j]
-        for k in range(TARGET, n):
+        for k in range(n):
             if slopes[i, k] == 0.0:
                 continue
-            # The mean of a noise over the step: half its beginning, half its end.
-            x = 0.5 * h * slopes[i, k]
-            matrix[i, k] -= x
-            for j in range(TARGET, n):
-                matrix[i, j] += x * matrix[k, j]
+            if k < MOVING:
+                x = 0.5 * h * h * slopes[i, k]
+                for j in range(n):
+                    matrix[i, j] += x * slopes[k, j]
+            else:
+                # The mean of a noise over the step: half its beginning, half its end.
+                x = 0.5 * h * slopes[i, k]
+                matrix[i, k] -= x
+                for j in range(n):
+                    matrix[i, j] += x * matrix[k, j]
 
 
 @inner_kernel
