@@ -110,6 +110,7 @@ def sample(scene: Scene, camera: Camera, w_R_c: Array, w_t_c: Array, prisms: Arr
     else:
         x, y = _projected(texel_H_ray, grid.rays)
         samples = cv2.remap(texels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    samples = cv2.cvtColor(samples, cv2.COLOR_BGRA2BGR)
     if len(prisms) > 0:
         _draw_obstacles(samples, scene, camera, grid, w_R_c, w_t_c, prisms)
     if grid.dark is not None:

@@ -69,7 +69,7 @@ def digitise(light: Light | Image, noise_std: float, rng: np.random.Generator) -
     if noise_std == 0:
         return np.asarray(cv2.add(light, 0.0, dtype=cv2.CV_8U))
     draws = np.frombuffer(rng.bytes(2 * light.size), "<u2").reshape(light.shape)
-    noise = (np.float32(noise_std) * _normal_quantiles())[draws]
+    noise = (np.float32(noise_std) * _normal_quantiles()).take(draws)  # twice as fast as an index
     # OpenCV rounds and clips here.
     return np.asarray(cv2.add(light, noise, dtype=cv2.CV_8U))
 

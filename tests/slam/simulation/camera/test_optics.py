@@ -119,7 +119,8 @@ def test_a_pixel_shows_the_mean_over_its_footprint(height_m, rms):
     ray = np.stack([*np.meshgrid(u, v), np.ones((len(v), len(u)))])
     at = np.einsum("ij,jhw->ihw", floor.texel_H_world(0) @ CAMERA.floor_H_image(w_T_b), ray)
     at = (at[:2] / at[2]).astype(np.float32)
-    fine = cv2.remap(floor.levels[0], at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    texels = np.ascontiguousarray(floor.levels[0][..., :3])
+    fine = cv2.remap(texels, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     mean = fine.astype(np.float32).reshape(240, n, 320, n, 3).mean((1, 3))
     difference = expose(build_scene(PUZZLE, ()), CAMERA, w_T_b) - mean
     assert difference.std() < rms
