@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import networkx as nx
 import numpy as np
@@ -78,7 +79,7 @@ class MosaicPlan(MosaicGrid):
         w, h = self.camera.size_px
         return u, v, seen & (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
 
-    @property
+    @cached_property  # the sides of all views, and each view asks for it
     def sampling(self) -> SquareGrid:
         """Squares in whose centres the exposure is sampled, about ``POINTS_PER_SIDE`` along a picture's side.
 

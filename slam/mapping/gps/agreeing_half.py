@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.graph import LARGEST_SLOPE_RAD
 from backend.quantiles import f_limit
+from slam.mapping.gps.pairs import some_pairs
 
 Complex = NDArray[np.complex128]
 
@@ -51,10 +52,7 @@ def agreeing_half(
     n, half = len(a), (len(a) + 1) // 2
     if n < LEAST_FOR_HALF:
         return None
-    i, j = np.triu_indices(n, 1)
-    if len(i) > _STARTS:
-        chosen = rng.choice(len(i), _STARTS, replace=False)
-        i, j = i[chosen], j[chosen]
+    i, j = some_pairs(n, _STARTS, rng)
     i, j = i[a[i] != a[j]], j[a[i] != a[j]]
     inside = np.column_stack([i, j])
     for _ in range(_STEPS):

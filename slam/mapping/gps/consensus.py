@@ -17,6 +17,7 @@ from backend.bundle.graph import LARGEST_SLOPE_RAD
 from backend.bundle.noise_level import over_typical
 from backend.quantiles import f_limit
 from slam.mapping.gps.agreeing_half import SimilarityFit, agreeing_half
+from slam.mapping.gps.pairs import some_pairs
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -204,10 +205,7 @@ def _least_median(
 ) -> tuple[complex, complex] | None:
     """Return (turn, shift) of ``b = turn a + shift`` with the least median error, over pairs of points."""
     n = len(a)
-    i, j = np.triu_indices(n, 1)
-    if len(i) > _PAIRS:
-        chosen = rng.choice(len(i), _PAIRS, replace=False)
-        i, j = i[chosen], j[chosen]
+    i, j = some_pairs(n, _PAIRS, rng)
     apart = np.abs(a[j] - a[i])
     i, j = i[apart >= np.median(apart)], j[apart >= np.median(apart)]  # short ones give a poor heading
     step = a[j] - a[i]

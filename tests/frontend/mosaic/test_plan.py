@@ -251,3 +251,8 @@ def test_raised_ground_is_seen_as_a_floor_at_its_height_is() -> None:
         assert 0 < raised[0].sum() < 3600
         for one, other in zip(raised, floor, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
+
+
+def test_the_grid_of_the_exposure_is_made_once() -> None:
+    sampling = (plan := plan_mosaic(CAMERA, hover(0, 3), FLOOR_Z_M)).sampling
+    assert plan.sampling is sampling, "each picture asks for it, and it depends on all pictures"
