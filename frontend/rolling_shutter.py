@@ -129,3 +129,48 @@ def _plane(corners: Array, speed: Array) -> Array:
     """Return the parameters (8,) of the motion that gives four points (4, 2) their speeds (4, 2)."""
     columns = [_of_plane(corners, unit).ravel() for unit in np.eye(8)]
     return np.asarray(np.linalg.solve(np.column_stack(columns), speed.ravel()))
+
+
+_NODE_PX = 32
+"""Distance of the pixels at which the displacement of rows is computed: it is smooth, and linear between."""
+_FARTHEST = 10.0
+"""Depth of a node, in heights of the camera, beyond which it counts as so far away: the horizon, which does
+not move."""
+
+
+def picture_at_once(
+    picture: NDArray[np.uint8], camera: Camera, w_T_b: Array, floor_z_m: float, moved_m: Array
+) -> NDArray[np.uint8]:
+    """Return a picture of the floor as if all its rows had been exposed with the middle one.
+
+    ``moved_m`` (3,): how far the camera moves, in body axes, from the exposure of the first row to that of
+    the last. The floor is the plane z = ``floor_z_m``.
+    """
+    w, h = camera.size_px
+    columns, rows = (max(2, round(side / _NODE_PX)) for side in (w, h))
+    u, v = np.meshgrid(np.linspace(0, w - 1, columns), np.linspace(0, h - 1, rows))
+    at = np.column_stack([u.ravel(), v.ravel()])
+    ray = camera.rays(camera.undistort(at))
+    w_T_c = w_T_b @ camera.b_T_c
+    height, fall = w_T_c[2, 3] - floor_z_m, -ray @ w_T_c[2, :3]
+    depth = np.where(fall > 1 / _FARTHEST, height / np.maximum(fall, 1 / _FARTHEST), _FARTHEST * height)
+    place, c_moved = depth[:, None] * ray, camera.b_T_c[:3, :3].T @ moved_m
+    seen = at
+    for _ in range(3):
+        late = seen[:, 1:] / (h - 1) - 0.5
+        seen = at + camera.project(place - late * c_moved) - camera.project(place)
+    displaced = np.nan_to_num(seen - at).reshape(rows, columns, 2).astype(np.float32)
+    node_of_pixel = np.array([[(columns - 1) / (w - 1), 0.0, 0.0], [0.0, (rows - 1) / (h - 1), 0.0]])
+    right, down = (
+        cv2.warpAffine(
+            part,
+            node_of_pixel,
+            (w, h),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        for part in (displaced[..., 0], displaced[..., 1])
+    )
+    right += np.arange(w, dtype=np.float32)
+    down += np.arange(h, dtype=np.float32)[:, None]
+    return np.asarray(cv2.remap(picture, right, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))

@@ -14,6 +14,7 @@ from backend import se3
 from backend.bundle.aligned_pairs import add_aligned
 from backend.bundle.barometer import height_factor, heights_prior
 from backend.bundle.control import ControlWeights, add_control, start_control
+from backend.bundle.exposure_motion import ExposureMotion, add_readout
 from backend.bundle.factors import (
     ANTENNA,
     DATUM,
@@ -126,10 +127,17 @@ class BundleProblem:
     reported: ReportedPart | None = None
     raised: NDArray[np.bool_] | None = None
     """(t,) floor points that stand above the ground, at heights of their own; None for none."""
+    exposure_motion: ExposureMotion | None = None
+    """How the cameras moved while rows were read; None where all rows count as exposed at once."""
 
     def raised_of(self, points: int) -> NDArray[np.bool_]:
         """Return the same (t,) for a number of ``points``."""
         return np.zeros(points, bool) if self.raised is None else self.raised
+
+    @property
+    def estimates_readout(self) -> bool:
+        """Whether the read-out time of a rolling shutter is a variable."""
+        return self.exposure_motion is not None and self.exposure_motion.is_free
 
     @property
     def has_lengths(self) -> bool:
@@ -189,9 +197,11 @@ def pose_side_factors(problem: BundleProblem, noise: NoiseLevels, start: gtsam.V
     _add_sensors(pose_side, problem, noise)
     lens = None if problem.self_calibrates else start_numbers(problem.camera)
     weights = ControlWeights(noise.control, noise.marks, problem.config.huber_sigmas)
-    add_control(pose_side, problem.measurements.control, WORLD, lens, weights)
+    add_control(pose_side, problem.measurements.control, WORLD, lens, weights, problem.exposure_motion)
     if problem.self_calibrates:
         _add_calibration(pose_side, problem.camera)
+    if problem.exposure_motion is not None:
+        add_readout(pose_side, problem.exposure_motion)
     _add_gauge(pose_side, problem, start, noise)
     if problem.measurements.heights:
         pose_side.add("barometer prior", heights_prior(start))

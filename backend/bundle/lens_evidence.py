@@ -61,16 +61,21 @@ def _log_evidence(gradient: Array, information: Array, prior: Array) -> float:
 
 
 def _design_effect(optimum: BundleOptimum, weights: Array) -> float:
-    """Return by how much the sum of the lens's numbers with ``weights`` (q,) varies more than is stated.
-
-    It is the variance between pictures over that of the model, and at least 1.
-    """
+    """Return the design effect of the sum of the lens's numbers with ``weights`` (q,)."""
     linear = optimum.linearise()
     (jacobian, residuals), reduced = linear.jacobian(), linear.eliminate()
     by_pose = np.zeros((reduced.size, 1))
     by_pose[reduced.structure.columns(CALIBRATION(0)), 0] = weights
     change = reduced.solve(by_pose, np.zeros((jacobian.shape[1] - reduced.size, 1)))
-    influence = np.asarray(jacobian @ np.vstack(change))[:, 0]
+    return design_effect(optimum, np.asarray(jacobian @ np.vstack(change))[:, 0], residuals)
+
+
+def design_effect(optimum: BundleOptimum, influence: Array, residuals: Array) -> float:
+    """Return by how much the sum of whitened residuals (rows,) with weights (rows,) varies more than is
+    stated: its variance between pictures over that of the model, and at least 1.
+
+    The rows are those of `LinearSystem.jacobian`.
+    """
     picture = row_pictures(optimum)
     of_picture = picture >= 0
     each = np.bincount(picture[of_picture], (influence * residuals)[of_picture]).astype(float)

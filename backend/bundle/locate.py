@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.control import in_metres, on_floor, view
+from backend.bundle.exposure_motion import moved_by_rows
 from backend.bundle.graph import WORLD
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
@@ -48,10 +50,11 @@ def _located(optimum: BundleOptimum, reduced: ReducedSystem | None, point: Contr
     cameras, huber = Cameras.of(optimum.problem, optimum.values), optimum.problem.config.huber_sigmas
     keyframes, std_px = point.keyframe.tolist(), point.std_px * optimum.noise.marks
     place = on_floor(point, optimum.problem.camera, cameras.f_T_c)
+    by_rows = moved_by_rows(optimum.problem.exposure_motion, point.keyframe, point.pixel)
     for _ in range(_STEPS):
         views = [
-            view(cameras.f_T_c[k], place, cameras.calibration, pixel)
-            for k, pixel in zip(keyframes, point.pixel, strict=True)
+            view(cameras.f_T_c[k], place - moved, cameras.calibration, pixel)
+            for k, pixel, moved in zip(keyframes, point.pixel, by_rows, strict=True)
         ]
         residual, by_pose, by_point, by_lens = (np.array(part) for part in zip(*views, strict=True))
         distance = np.linalg.norm(residual, axis=1) / std_px
@@ -73,7 +76,7 @@ def _located(optimum: BundleOptimum, reduced: ReducedSystem | None, point: Contr
         gradient[reduced.structure.columns(POSE(k))] += (of_point @ moved @ J_pose).T
     if optimum.problem.self_calibrates:
         lens = np.einsum("mia,maj->ij", by_views, by_lens)
-        gradient[reduced.structure.of_calibration] += (of_point @ lens).T
+        gradient[reduced.structure.columns(CALIBRATION(0))] += (of_point @ lens).T
     gradient[reduced.structure.columns(WORLD)] += of_world.T
     by_map = gradient.T @ reduced.factor.solve(gradient)
     return LocatedPoint(metric, by_map + of_point @ covariance @ of_point.T, residual)

@@ -190,7 +190,7 @@ def _sensor_noise(
         level = replace(level, position_m=position_m)
     if len(measurements.control) > 3:
         cameras, points = Cameras.of(problem, values), measurements.control
-        marks = mark_residuals(points, values, cameras.f_T_c, cameras.calibration)
+        marks = mark_residuals(points, values, cameras.f_T_c, cameras.calibration, problem.exposure_motion)
         level = replace(
             level,
             control=_survey_scale(survey_residuals(points, values, WORLD)),

@@ -10,6 +10,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.exposure_motion import READOUT
 from backend.bundle.graph import BundleProblem, NoiseLevels
 from backend.bundle.lens import start_numbers
 from backend.bundle.projections import linearise, residuals
@@ -29,14 +30,16 @@ class Cameras:
     """(n, 4, 4) poses, in mean heights."""
     calibration: Array
     """(q,) numbers of the lens (`backend.bundle.projections`)."""
+    readout_s: float = 0.0
+    """Correction of the read-out time that the pixels have been corrected by."""
 
     @staticmethod
     def of(problem: BundleProblem, values: gtsam.Values) -> Cameras:
         """Read the cameras of a problem from its variables."""
         f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
-        if problem.self_calibrates:
-            return Cameras(f_T_c, values.atVector(CALIBRATION(0)))
-        return Cameras(f_T_c, start_numbers(problem.camera))
+        calibrates = problem.self_calibrates
+        lens = values.atVector(CALIBRATION(0)) if calibrates else start_numbers(problem.camera)
+        return Cameras(f_T_c, lens, float(values.atVector(READOUT)[0]) if problem.estimates_readout else 0.0)
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class LinearObservations:
     of_point: Array
     """(m, 2, 3)."""
     of_calibration: Array
-    """(m, 2, q) by the numbers of the calibration, q = 0 if it is fixed."""
+    """(m, 2, q) by the numbers of the calibration, q = 0 if it is fixed, and by a free read-out time."""
     right: Array
     """(m, 2) minus the residuals."""
     prior_right: Array
@@ -75,6 +78,9 @@ class FloorObservations:
     prior_std: Array
     """(t, 3) standard deviations of the points about the origin: anywhere along the floor, and the relief of
     the ground or the height of what stands on it."""
+    by_readout: Array | None = None
+    """(m, 3) how far each camera has moved on at the row of the observation, for each second of a free
+    read-out time; None where that is not free."""
 
     @staticmethod
     def of(problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_]) -> FloorObservations:
@@ -86,6 +92,9 @@ class FloorObservations:
         prior_std = np.full((len(seen), 3), _ANYWHERE)
         raised = problem.raised_of(len(seen))
         prior_std[:, 2] = height_stds(raised, noise) * np.where(raised, 1.0, noise.relief_inflation)
+        motion, by_readout = problem.exposure_motion, None
+        if motion is not None and motion.is_free:
+            by_readout = motion.per_second(tracks.keyframe[number], motion.recorded_px[number])
         return FloorObservations(
             number=number,
             keyframe=np.asarray(tracks.keyframe[number], dtype=np.int64),
@@ -95,12 +104,24 @@ class FloorObservations:
             std_px=tracks.std_px[number] * noise.pixel_scale,
             huber_sigmas=float(problem.config.huber_sigmas),
             prior_std=prior_std,
+            by_readout=by_readout,
         )
 
     def residuals(self, cameras: Cameras, point: Array) -> Array:
         """Return projection minus pixel (m, 2) at poses and points (t, 3)."""
-        seen = self.keyframe, self.track, self.pixel
-        return np.asarray(residuals(cameras.f_T_c, point, cameras.calibration, *seen))
+        point, track = self._as_seen(cameras, point)
+        return np.asarray(
+            residuals(cameras.f_T_c, point, cameras.calibration, self.keyframe, track, self.pixel)
+        )
+
+    def _as_seen(self, cameras: Cameras, point: Array) -> tuple[Array, Index]:
+        """Return points and the number of that of each observation.
+
+        A camera that has moved on sees a point as if the point had moved back.
+        """
+        if self.by_readout is None:
+            return point, self.track
+        return point[self.track] - cameras.readout_s * self.by_readout, np.arange(len(self.track))
 
     def whitened(self, cameras: Cameras, point: Array) -> Array:
         """Return the same over the pixel noise."""
@@ -119,10 +140,14 @@ class FloorObservations:
         count = len(self.track)
         of_pose, of_point = np.empty((count, 2, 6)), np.empty((count, 2, 3))
         of_calibration = np.empty((count, 2, cameras.calibration.size if self_calibrates else 0))
+        seen, track = self._as_seen(cameras, point)
         right = linearise(
-            cameras.f_T_c, point, cameras.calibration, self.keyframe, self.track, self.pixel,
+            cameras.f_T_c, seen, cameras.calibration, self.keyframe, track, self.pixel,
             self.std_px, self.huber_sigmas, of_pose, of_point, of_calibration,
         )  # fmt: skip
+        if self.by_readout is not None:
+            of_readout = -(of_point @ self.by_readout[:, :, None])
+            of_calibration = np.concatenate([of_calibration, of_readout], axis=2)
         return LinearObservations(of_pose, of_point, of_calibration, right, -point / self.prior_std)
 
 

@@ -21,6 +21,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, diags_array, vstack
 
+from backend.bundle.exposure_motion import READOUT
 from backend.bundle.observations import FloorObservations, LinearObservations
 from backend.bundle.schur import add_camera_system, block_pattern, eliminate, transposed_product
 from backend.pose_graph.linear import linear_system
@@ -51,7 +52,7 @@ class Structure:
     of_cameras: Index
     """(6n,) columns of the cameras."""
     of_calibration: Index
-    """(q,) columns of the calibration; none if it is fixed."""
+    """(q,) columns of the calibration, and of the read-out time; none of what is fixed."""
 
     @staticmethod
     def of(
@@ -61,14 +62,16 @@ class Structure:
         dims = values.dims()
         variable = {key: k for k, key in enumerate(sorted(dims))}
         keyframes = np.array([variable[POSE(k)] for k in range(n)])
-        lens = np.array([variable[CALIBRATION(0)]] if CALIBRATION(0) in variable else [], dtype=np.int64)
+        common = [variable[key] for key in (CALIBRATION(0), READOUT) if key in variable]
+        lens = np.array(common, dtype=np.int64)
         by_camera, at = _sorted_by(observations.keyframe, n)
         row, column = block_pattern(
             observations.keyframe, observations.track, observations.first, by_camera, at
         )
         pairs = np.column_stack([np.repeat(np.arange(n), np.diff(row)), column])
         everywhere = np.array([(k, v) for v in lens for k in keyframes], dtype=np.int64).reshape(-1, 2)
-        ties = np.vstack([_pairs_of(graph, variable), keyframes[pairs], everywhere])
+        together = np.array(list(combinations(common, 2)), dtype=np.int64).reshape(-1, 2)
+        ties = np.vstack([_pairs_of(graph, variable), keyframes[pairs], everywhere, together])
         widths = np.array([dims[key] for key in variable], dtype=np.int64)
         elimination = analyse(np.unique(ties[ties[:, 0] != ties[:, 1]], axis=0), widths)
         order = np.argsort(elimination.begin[keyframes])
@@ -299,8 +302,10 @@ class ReducedSystem:
 
     @property
     def calibration_covariance(self) -> Array:
-        """Covariance (q, q) of the calibration."""
+        """Covariance (q, q) of the calibration; q = 0 if it is fixed."""
         lens = self.structure.of_calibration
+        if READOUT in self.structure.variable:
+            lens = lens[:-1]
         unit = np.zeros((self.size, len(lens)))
         unit[lens, np.arange(len(lens))] = 1.0
         return np.asarray(self.factor.solve(unit)[lens])

@@ -54,10 +54,18 @@ from backend.bundle.inertial.graph import InertialPart
 from backend.bundle.inertial.noise import start_factors
 from backend.bundle.lens import LensEstimate, prior_covariance, start_numbers
 from backend.bundle.lens_choice import fisheye_by_evidence
-from backend.bundle.minimise import BundleMinimum, BundleOptimum
+from backend.bundle.minimise import BundleOptimum
 from backend.bundle.noise import start_noise
 from backend.bundle.reported.graph import ReportedPart
-from backend.bundle.rounds import reported_noise, solve_rounds
+from backend.bundle.rolling_shutter import (
+    ReadoutEstimate,
+    freed_readout,
+    readout_estimate,
+    readout_test,
+    row_motion_m,
+    with_stated_readout,
+)
+from backend.bundle.rounds import Solved, reported_noise, solve_rounds
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
 from backend.measurements import Measurements, PinholeModel
@@ -95,6 +103,10 @@ class Bundle:
     place it is smaller than that of the body, whose errors the antenna's undo."""
     lens: LensEstimate | None
     """None if the calibration was fixed."""
+    readout: ReadoutEstimate | None
+    """Read-out time of a rolling shutter; None of pictures that are no photographs, or do not move."""
+    row_motion_m: Array | None
+    """(n, 3) motion of the cameras in body axes from the first row to the last; None for a global shutter."""
     b_T_c: Array
     """(4, 4) estimated mount of the camera."""
     mount_std_rad: float
@@ -155,6 +167,7 @@ def refine(
     nominal = start_noise(measurements, config)
     at = _with_heights(problem, start_variables(problem, w_T_b, floor_z_m))
     problem, at = _with_motion(problem, at)
+    problem = with_stated_readout(problem, at)
     noise = replace(
         noise or nominal,
         height_m=nominal.height_m,
@@ -162,11 +175,24 @@ def refine(
         reported=reported_noise(problem, at.values),
     )
     solved = solve_rounds(problem, at, noise, at.values, on_step)
-    other = fisheye_by_evidence(solved.optimum, solved.minimum.error, at.values)
+    fisheye = fisheye_by_evidence(solved.optimum, solved.minimum.error, at.values)
+    solved = _solved_again(solved, fisheye, at.values, on_step)
+    shutter = readout_test(solved.optimum)
+    solved = _solved_again(solved, freed_readout(solved.optimum, shutter), at.values, on_step)
+    return _result(solved, readout_estimate(solved.optimum, shutter))
+
+
+def _solved_again(
+    solved: Solved,
+    other: tuple[BundleProblem, Variables] | None,
+    start: gtsam.Values,
+    on_step: Callable[[int, float], None] | None,
+) -> Solved:
+    """Return the rounds of another problem that the evidence prefers to the solved one, if there is one."""
     if other is None:
-        return _result(solved.optimum, solved.minimum, solved.iterations)
-    again = solve_rounds(*other, solved.optimum.noise, at.values, on_step)
-    return _result(again.optimum, again.minimum, solved.iterations + again.iterations)
+        return solved
+    again = solve_rounds(*other, solved.optimum.noise, start, on_step)
+    return replace(again, iterations=solved.iterations + again.iterations)
 
 
 def _check_start(w_T_b: Array, camera: PinholeModel, floor_z_m: float) -> None:
@@ -244,7 +270,8 @@ def _antenna_covariances(problem: BundleProblem, joint: Array, values: gtsam.Val
     return propagated(J, joint)
 
 
-def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bundle:
+def _result(solved: Solved, readout: ReadoutEstimate | None) -> Bundle:
+    optimum, last = solved.optimum, solved.minimum
     problem, values = optimum.problem, optimum.values
     heights = np.array([values.atPose3(POSE(k)).z() for k in range(problem.measurements.count)])
     if not (np.isfinite(heights).all() and (heights > 0).all()):
@@ -265,6 +292,8 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
         antenna_std_m=world_std[ANTENNA],
         antenna_covariances=_antenna_covariances(problem, joint, values),
         lens=_lens(problem, values, of_lens) if problem.self_calibrates else None,
+        readout=readout,
+        row_motion_m=row_motion_m(optimum),
         b_T_c=problem.b_T_c(values),
         mount_std_rad=float(world_std[MOUNT].max()) if problem.camera.mount_std_rad > 0 else 0.0,
         range_errors=_range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
@@ -274,7 +303,7 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
         noise=optimum.noise,
         dropped_observations=int((~optimum.used).sum()),
         error=last.error,
-        iterations=iterations,
+        iterations=solved.iterations,
         not_converged="" if last.converged else last.reason,
         optimum=optimum,
     )

@@ -17,6 +17,7 @@ from backend.bundle.lens import is_uncertain
 from backend.bundle.minimise import BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import TOLERANCE, estimate_noise, same_noise
 from backend.bundle.position_redundancy import absorbed_positions
+from backend.bundle.rolling_shutter import corrected_rows
 from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, ReportedNoise
 from backend.pose_graph.descent import OnStep
@@ -94,6 +95,8 @@ def solve_rounds(
             noise = replace(noise, reported=reported_noise(problem, at.values))
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
         problem, at = _reintegrated(problem, at, kept, before.reported)
+        problem, at, same_rows = corrected_rows(problem, at)
+        settled = settled and same_rows
         if of_any_height == number + 1:
             # The same of the relief. Structure has drawn the poses along until now.
             narrow, settled = (problem, at, noise, used), False

@@ -44,6 +44,7 @@ from backend.measurements.pictures import (
     FloorTracks,
     LensModel,
     PinholeModel,
+    RowExposure,
     TrackedFrame,
 )
 from backend.measurements.rejection import (
@@ -80,6 +81,7 @@ __all__ = [
     "RelativePose",
     "ReportedMotion",
     "ReportedNoise",
+    "RowExposure",
     "SlantRange",
     "TrackedFrame",
 ]
@@ -118,6 +120,8 @@ class Measurements:
     """Least standard deviation along the body's up axis alone."""
     names: tuple[str, ...] = field(default=())
     """Name of each keyframe in messages; empty: its number."""
+    exposure: RowExposure | None = None
+    """How the rows of photographs are exposed; None where the features have been moved to one moment."""
     length_unit: str = "m"
     """Name of the unit of all lengths in messages. Without a metric measurement it is another one."""
 
@@ -160,6 +164,7 @@ class Measurements:
             ),
             tracks=None if self.tracks is None else self.tracks.of_keyframes(members, self.count),
             names=tuple(self.names[k] for k in members) if self.names else (),
+            exposure=self.exposure.of_keyframes(members) if self.exposure else None,
             attitudes=tuple(replace(a, k=number[a.k]) for a in self.attitudes if a.k in number),
             ranges=tuple(replace(r, k=number[r.k]) for r in self.ranges if r.k in number),
             positions=tuple(replace(p, k=number[p.k]) for p in self.positions if p.k in number),

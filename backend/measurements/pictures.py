@@ -69,6 +69,22 @@ class FloorTracks:
 
 
 @dataclass(frozen=True)
+class RowExposure:
+    """Photographs of which the rows may be exposed one after the other, from the top to the bottom."""
+
+    rows: int
+    """Height of a picture in pixels."""
+    readout_s: float | None
+    """Time from the exposure of the first row to that of the last; None where nobody states it."""
+    w_v_m_s: Array
+    """(n, 3) velocity at each exposure, east, north and up, as the vehicle reports it; NaN without."""
+
+    def of_keyframes(self, members: Sequence[int]) -> RowExposure:
+        """Return the same of some keyframes."""
+        return replace(self, w_v_m_s=self.w_v_m_s[list(members)])
+
+
+@dataclass(frozen=True)
 class TrackedFrame:
     """A picture between keyframes, registered to keyframe ``k`` by a homography over the floor.
 

@@ -180,13 +180,15 @@ class Estimate:
     floor_slope_rad: tuple[float, float] = (0.0, 0.0)
     """Rotation vector (x, y) from level to the ground; zero where no measurement shows a slope."""
     ground_covariances: Array | None = None
-    """(n, 6, 6) covariances with which the pictures place the ground, where the lens was estimated: those
-    over the floor, with the errors of the lens as equal motions of the camera. None where the lens was fixed:
-    then ``over_floor_covariances`` are those of the ground."""
+    """(n, 6, 6) those over the floor with the errors of an estimated lens, as equal motions of the camera;
+    None where the lens was fixed: then ``over_floor_covariances`` are those of the ground."""
     joint_errors: Array | None = None
     """(n, 6, s) right perturbation of all poses, rotation first, by one standard deviation of each of their
     largest independent errors (`slam.mapping.pose_errors`). None without a refinement, where instruments have
     joined parts to the refined one, and in files of earlier versions."""
+    row_motion_m: Array | None = None
+    """(n, 3) motion of each camera in body axes from the exposure of the first row of its picture to that of
+    the last, NaN where unknown; None for a global shutter."""
     scale_std: float | None = None
     """Relative standard deviation that all lengths share; None where the scale is not observed."""
     middle_std_m: float | None = None
@@ -194,8 +196,7 @@ class Estimate:
     distances do not have it. None without a place on Earth."""
     length_stds: tuple[tuple[float, float, float], ...] = ()
     """Distances between two places in pictures, in metres and growing, each with the standard deviation of a
-    typical one and of a badly known one, by the joint covariance of both places
-    (`backend.bundle.accuracy.length_stds`); empty without a refinement."""
+    typical and of a badly known one (`backend.bundle.accuracy.length_stds`); empty without a refinement."""
     metric: bool = True
     """Whether lengths are metres. Otherwise the scale is not observed, and lengths are multiples of the
     camera's mean height over the floor."""
@@ -213,8 +214,7 @@ class Estimate:
     """The one instrument or the assumed values on which the stated accuracy rests, in one sentence; empty
     where two instruments check each other."""
     information_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Direction -> instrument -> its share in the variance, as
-    `backend.bundle.accuracy.information_shares` defines them; empty without a refinement."""
+    """Direction -> instrument -> its share in the variance; empty without a refinement."""
     row_mistakes: tuple[RowMistake, ...] = ()
     """Rejected edges of a pose graph that one typical mistake of their rows explains."""
     certificate: Certificate | None = None

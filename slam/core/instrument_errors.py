@@ -144,6 +144,22 @@ class LensNumber:
 
 
 @dataclass(frozen=True)
+class RollingShutter:
+    """Time from the exposure of the first row of a photograph to that of the last."""
+
+    readout_s: float
+    """0 where it is fixed and nobody states it; negative where the last row is exposed first."""
+    std_s: float
+    """Standard deviation with which the flight tells it, also where it is fixed; 0 where it is stated."""
+    told_std_s: float
+    """Standard deviation of what was known before the flight, about 0; 0 where it is stated."""
+    estimated: bool
+    """Whether the pictures show a rolling shutter, so that its time is a variable. Otherwise it is fixed."""
+    known_velocities: int
+    """Number of pictures of which the vehicle or the neighbours tell the velocity."""
+
+
+@dataclass(frozen=True)
 class AntennaPlace:
     """Place of the GPS antenna on the body, forward, left and up."""
 
@@ -176,6 +192,8 @@ class InstrumentErrors:
     """None where the map does not use the barometer."""
     antenna: AntennaPlace | None = None
     """None where the antenna's place was fixed at what is told."""
+    rolling_shutter: RollingShutter | None = None
+    """None of pictures that are no photographs, or of which no velocity is known."""
 
 
 NOTHING_KNOWN = InstrumentErrors(None, None)

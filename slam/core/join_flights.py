@@ -219,11 +219,13 @@ class JoinedPictures:
 def _frames(parts: Sequence[Flight]) -> Frames:
     pictures = [flight.frames for flight in parts if flight.frames is not None]
     load = JoinedPictures(pictures)
+    velocities = [np.full((len(p), 3), np.nan) if p.w_v_m_s is None else p.w_v_m_s for p in pictures]
     return Frames(
         np.concatenate([p.stamps_s for p in pictures]),
         tuple(f"{flight.name}/{file}" for flight, p in zip(parts, pictures, strict=True) for file in p.names),
         load,
         load.failures,
+        np.concatenate(velocities) if any(p.w_v_m_s is not None for p in pictures) else None,
     )
 
 

@@ -43,6 +43,9 @@ class Frames:
     """Read picture k; None where it is damaged or missing."""
     failures: Mapping[int, str] = field(default_factory=dict)
     """Reason why picture k could not be read, for pictures that ``load`` has tried."""
+    w_v_m_s: Array | None = None
+    """(n, 3) velocity of the vehicle at each picture, east, north and up, NaN where it is not known; None
+    without any."""
 
     def __len__(self) -> int:
         return len(self.stamps_s)

@@ -14,6 +14,7 @@ from backend.wording import counted, either
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.messages import Line
 from slam.core.streams import Frames
+from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
 from slam.io.files import brief, check_inside, refusal
 from slam.io.images import PictureFiles, common_levels
@@ -25,6 +26,11 @@ PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 RADTAN = ("radial-tangential", "radtan", "plumb_bob", "none", "")
 EQUIDISTANT = ("equidistant", "fisheye", "kannala_brandt4")
 """Names of the fisheye of OpenCV and Kalibr, with k1 to k4."""
+PICTURE_VELOCITY = tuple(
+    CsvColumn(f"v_{axis}", "m s^-1", 200.0, optional=True) for axis in ("east", "north", "up")
+)
+"""Columns of a picture's velocity in ``data.csv``; no vehicle that takes photographs is as fast as the limit.
+"""
 _MAX_READOUT_S = 0.2
 """Largest readout time of a rolling shutter, as in the catalogue of effects."""
 _FOCAL_PER_WIDTH = (0.02, 250.0)
@@ -183,7 +189,8 @@ def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes:
     notes += transparent_pixels(paths)
     stamps_s = ((table.stamps_ns - epoch_ns) * 1e-9).astype(float)
     files = PictureFiles(paths, camera.size_px, common_levels(paths, notes))
-    return Frames(stamps_s, table.names, files, files.failures)
+    velocity = table.values if np.isfinite(table.values).any() else None
+    return Frames(stamps_s, table.names, files, files.failures, velocity)
 
 
 def _entries(folder: Path, root: Path) -> dict[str, bool]:

@@ -46,7 +46,7 @@ class CsvTable:
     values: Array
     """(n, c) one column for each requested ``CsvColumn``; NaN where missing."""
     names: tuple[str, ...]
-    """(n,) second column as text, if requested instead of numbers; else empty."""
+    """(n,) a column as text, if requested; else empty."""
     lines: NDArray[np.int64]
     """(n,) line numbers in the file."""
     notes: tuple[Line, ...] = ()
@@ -131,16 +131,17 @@ def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvT
     )
 
 
-def read_names(path: Path, root: Path, title: str) -> CsvTable:
-    """Read a csv of stamps with one text each (of the camera). Raises ``InputError`` as ``read_numbers``
-    does.
+def read_names(path: Path, root: Path, title: str, numbers: tuple[CsvColumn, ...] = ()) -> CsvTable:
+    """Read a csv of stamps with one text each (of the camera), and numbers that may lack. Raises
+    ``InputError`` as ``read_numbers`` does.
     """
     text = _read_text(path, root, f"#timestamp [ns],{title}")
     names_at = [c.split("[")[0].strip().lower() for c in text.header]
     if title not in names_at:
         raise refusal(path, f"has no column {title}", f"write the header #timestamp [ns],{title}", 1)
     at, width = names_at.index(title), len(names_at)
-    stamps, names, lines = [], [], []
+    indices = column_indices(path, text.header, numbers)
+    stamps, names, lines, values = [], [], [], []
     lost: Counter[str] = Counter()
     cut = bool(text.notes)
     if text.lines and text.unterminated and _last_name_is_truncated(text.lines):
@@ -167,17 +168,23 @@ def read_names(path: Path, root: Path, title: str) -> CsvTable:
         stamps.append(stamp)
         names.append(fields[at].strip())
         lines.append(number)
+        values.append(
+            [
+                np.nan if k is None else _number(fields[k].strip(), column, path, number)
+                for column, k in zip(numbers, indices, strict=True)
+            ]
+        )
     notes = (*text.notes, *(f"{n} {what}" for what, n in lost.items()))
-    none = np.empty((len(stamps), 0))
-    return CsvTable(
+    table = CsvTable(
         path=path,
         stamps_ns=np.array(stamps, np.int64),
-        values=none,
+        values=np.array(values).reshape(-1, len(numbers)),
         names=tuple(names),
         lines=np.array(lines, np.int64),
         notes=notes,
         truncated=cut,
     )
+    return check_limits(table, numbers)
 
 
 def _read_text(path: Path, root: Path, expected: str) -> _CsvText:

@@ -10,6 +10,7 @@ arrays for n keyframes, m edges, l loops and t points of the ground are:
 | covariances, over_floor_covariances | (n, 6, 6) | rotation first, right perturbation; NaN where unknown |
 | ground_covariances | (n, 6, 6) | of the ground in a picture; none where the lens was fixed |
 | joint_errors | (n, 6, s) | right perturbation by each error that poses share; none without a refinement |
+| row_motion | (n, 3) | motion in body axes from the first row to the last; none for a global shutter |
 | component, frame_index | (n,) int64 | |
 | frame_names | (n,) text | |
 | edge_ij, edge_i_T_j, edge_covariance, edge_kind | (m, 2) int64, (m, 4, 4), (m, 6, 6), (m,) text | |
@@ -74,7 +75,7 @@ def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) 
 
 def _pack(estimate: Estimate) -> bytes:
     edges, loops, points = estimate.relative_poses, estimate.loops, estimate.floor_points or NO_POINTS
-    ground, shared = estimate.ground_covariances, estimate.joint_errors
+    ground, shared, rows = estimate.ground_covariances, estimate.joint_errors, estimate.row_motion_m
     content = io.BytesIO()
     np.savez(
         content,
@@ -85,6 +86,7 @@ def _pack(estimate: Estimate) -> bytes:
         over_floor_covariances=estimate.over_floor_covariances,
         ground_covariances=LATER["ground_covariances"] if ground is None else ground,
         joint_errors=LATER["joint_errors"] if shared is None else shared.astype(np.float32),
+        row_motion=LATER["row_motion"] if rows is None else rows,
         chain_w_T_b=estimate.chain_w_T_b,
         odometry_w_T_b=estimate.odometry_w_T_b,
         component=np.asarray(estimate.component, dtype=np.int64),
@@ -190,6 +192,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         over_floor_covariances=arrays["over_floor_covariances"],
         ground_covariances=arrays["ground_covariances"] if len(arrays["ground_covariances"]) else None,
         joint_errors=arrays["joint_errors"].astype(float) if len(arrays["joint_errors"]) else None,
+        row_motion_m=arrays["row_motion"] if len(arrays["row_motion"]) else None,
         component=arrays["component"],
         camera=None if camera is None else _camera(camera),
         floor_z_m=float(record["floor_z_m"]),

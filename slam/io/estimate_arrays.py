@@ -32,6 +32,7 @@ SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
     "over_floor_covariances": ("n", (6, 6), "f"),
     "ground_covariances": ("g", (6, 6), "f"),
     "joint_errors": ("s", (6, ANY), "f"),
+    "row_motion": ("r", (3,), "f"),
     "chain_w_T_b": ("n", (4, 4), "f"),
     "odometry_w_T_b": ("n", (4, 4), "f"),
     "component": ("n", (), "i"),
@@ -61,6 +62,7 @@ LATER = {
     **POINTS,
     "ground_covariances": np.zeros((0, 6, 6)),
     "joint_errors": np.zeros((0, 6, 0)),
+    "row_motion": np.zeros((0, 3)),
 }
 """Arrays that files of earlier versions lack -> what stands for them; an empty one for what is not known."""
 
@@ -115,6 +117,7 @@ def _check(arrays: dict[str, NDArray[Any]]) -> None:
         "t": len(arrays["point_keyframe"]),
         "g": len(arrays["stamps"]) if len(arrays["ground_covariances"]) else 0,
         "s": len(arrays["stamps"]) if len(arrays["joint_errors"]) else 0,
+        "r": len(arrays["stamps"]) if len(arrays["row_motion"]) else 0,
     }
     for name, (per, row, kind) in SHAPES.items():
         found = arrays[name]

@@ -15,7 +15,7 @@ from frontend.camera import Camera
 from slam.core.flight import Flight
 from slam.core.messages import Line, Message, about, as_unread, recorded
 from slam.core.names import listed
-from slam.io.camera_folder import camera_of, frames_of
+from slam.io.camera_folder import PICTURE_VELOCITY, camera_of, frames_of
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_names, read_numbers
 from slam.io.files import brief, check_inside, refusal
@@ -162,7 +162,10 @@ def _read_stream(recording: _Recording, folder: Path) -> None:
         sensor = YamlFile(folder / "sensor.yaml")
         recording.note(name, ["has no sensor.yaml: nominal figures assumed; add one with its noise_std"])
     csv = folder / "data.csv"
-    table = read_names(csv, root, "filename") if name == "cam0" else read_numbers(csv, root, COLUMNS[name])
+    if name == "cam0":
+        table = read_names(csv, root, "filename", PICTURE_VELOCITY)
+    else:
+        table = read_numbers(csv, root, COLUMNS[name])
     notes = list(table.notes)
     check_stamp_unit(table, sensor, notes)
     if not len(table.stamps_ns):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from frontend.workers import Workers
 from slam.core.progress import Progress
 from slam.core.streams import Frames, Image
+from slam.io.camera_folder import PICTURE_VELOCITY
 from slam.io.images import PictureFiles
 from slam.io.narrow_pictures import NarrowPictures
 from slam.io.picture_headers import UnreadableImageError, image_size, suffix_of
@@ -58,7 +59,9 @@ def write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progress
     encoding = _Encoding(frames.load, _parameters(frames.load, image_format))
     with open(folder / "data.csv", "w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["#timestamp [ns]", "filename"])
+        velocity = frames.w_v_m_s
+        titles = () if velocity is None else (column.title for column in PICTURE_VELOCITY)
+        rows.writerow(["#timestamp [ns]", "filename", *titles])
 
         def to_encode() -> Iterator[tuple[Image, Path]]:
             """Store the pictures that need no encoder, and yield the others."""
@@ -74,7 +77,8 @@ def write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progress
                     target.write_bytes(picture)
                 elif picture is not None:
                     yield picture, target
-                rows.writerow([stamp, name])
+                speeds = () if velocity is None else np.round(velocity[k], 6).tolist()
+                rows.writerow([stamp, name, *("" if np.isnan(speed) else speed for speed in speeds)])
                 progress("writing pictures", k + 1, len(frames))
 
         # Pictures are reduced and encoded while the next is read or rendered. A loader is never called by two

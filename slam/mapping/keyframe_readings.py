@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from backend.measurements import Attitude, BarometerHeight, Position, SlantRange
+from backend.measurements import Attitude, BarometerHeight, Position, RowExposure, SlantRange
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin
 from slam.core.instrument_readings import MAX_GAP_S
@@ -162,6 +162,18 @@ def heights_at(barometer: Scalar | None, at_s: Array, floor_std_m: float) -> tup
     )
 
 
+def row_exposure(flight: Flight, at_s: Array) -> RowExposure | None:
+    """How the rows of photographs are exposed, for the pictures at ``at_s`` (n,); None for a video."""
+    frames, camera = flight.frames, flight.camera
+    if not flight.all_keyframes or frames is None or camera is None:
+        return None
+    w_v_m_s = np.full((len(at_s), 3), np.nan)
+    if frames.w_v_m_s is not None:
+        # The nearest one: a keyframe has the stamp of its picture, but for the correction of a clock.
+        w_v_m_s = frames.w_v_m_s[np.searchsorted((frames.stamps_s[1:] + frames.stamps_s[:-1]) / 2, at_s)]
+    return RowExposure(camera.size_px[1], camera.readout_s or None, w_v_m_s)
+
+
 @dataclass(frozen=True)
 class KeyframeReadings:
     """Readings of all instruments at the times of the keyframes."""
@@ -181,6 +193,9 @@ class KeyframeReadings:
     """(n, 2) standard deviations for the pose graph."""
     fixes: Fixes | None = None
     """The fixes that ``positions`` come from; None without GPS."""
+    exposure: RowExposure | None = None
+    """How the rows of photographs are exposed; None for the pictures of a video, which are corrected before.
+    """
 
     def with_fixes(self, agreement: Agreement) -> KeyframeReadings:
         """Return the readings with positions from the fixes that agree with the map alone."""
@@ -214,4 +229,5 @@ class KeyframeReadings:
             range_datum_std_m=flight.sonar.datum_std_m if flight.sonar else 0.0,
             roll_pitch_rad=roll_pitch,
             roll_pitch_std_rad=std,
+            exposure=row_exposure(flight, stamps_s),
         )

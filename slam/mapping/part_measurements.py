@@ -69,6 +69,7 @@ def part_measurements(
         range_datum_std_m=readings.range_datum_std_m,
         camera=pinhole_model(setup.camera),
         aligned=aligned,
+        exposure=readings.exposure,
     )
     return replace(whole.of_keyframes(members.tolist()), tracks=tracks)
 

@@ -76,7 +76,7 @@ def track(
             found = _tracked_clock(flight, job, observations)
         clock = clock_correction(found, observations.stamps_s)
         observations = observations.stamped_by(clock.delays_at)
-        if job.camera.readout_s > 0:
+        if job.camera.readout_s > 0 and not flight.all_keyframes:
             observations = correct_rolling_shutter(observations, job.camera, flight.imu, front_end.register)
         _refuse_unless(len(observations.stamps_s) >= 2, flight, observations)
         return _with_neighbours(Context.of(flight, job, front_end, observations), observations, clock)

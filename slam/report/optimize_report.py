@@ -43,6 +43,7 @@ from slam.report.tables.instrument_errors import (
     lengths_text,
     lens_text,
     mount_text,
+    shutter_text,
     velocity_text,
 )
 from slam.report.tables.instruments import instrument_table, unused_instruments
@@ -209,6 +210,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Camera's mount is off by", mount_text(estimate.instruments.mount)),
         Item("Lens, estimated", lens_text(estimate.instruments.lens)),
         Item("Lens, known mostly from before the flight", lens_text(estimate.instruments.lens, False)),
+        Item("Shutter", shutter_text(estimate.instruments.rolling_shutter)),
         Item("GPS antenna's place on the body, estimated", antenna_text(estimate.instruments.antenna)),
         Item("Accelerometer's offset", accelerometer_text(estimate.instruments.accelerometer)),
         Item("Accelerometer's place on the body", arm_text(estimate.instruments.accelerometer)),

@@ -75,6 +75,9 @@ class Scene:
     """True p1 and p2."""
     center_off_px: tuple[float, float] = (0.0, 0.0)
     """True principal point from the one that is told."""
+    readout_s: float = 0.0
+    """Time from the exposure of the first row of a picture to that of the last. A picture is taken each
+    second."""
     camera: PinholeModel = CAMERA
     size_px: tuple[float, float] = (float(SIZE_PX[0]), float(SIZE_PX[1]))
 
@@ -207,11 +210,16 @@ def _tracked(
     draw = np.random.default_rng(count)  # beside the other draws, which stay without it
     is_moving, angle = draw.uniform(size=count) < scene.moving, draw.uniform(0, 2 * np.pi, count)
     speed = 0.05 * h * is_moving * np.array([np.cos(angle), np.sin(angle), 0 * angle])
-    rows = []
+    rows, velocity = [], np.gradient(f_T_c[:, :3, 3], axis=0)
     for k, pose in enumerate(f_T_c):
         c_p = (point + k * speed.T - pose[:3, 3]) @ pose[:3, :3]
         xy = c_p[:, :2] / c_p[:, 2:]
         pixel = _recorded(xy, lens)
+        for _ in range(3 if scene.readout_s else 0):
+            since_s = scene.readout_s * (pixel[:, 1:] / (scene.size_px[1] - 1) - 0.5)
+            late = c_p - since_s * (velocity[k] @ pose[:3, :3])
+            xy = late[:, :2] / late[:, 2:]
+            pixel = _recorded(xy, lens)
         # Beyond 45 degrees Brown's distortion folds points back into the picture: a lens does not see them.
         ahead = (c_p[:, 2] > 0) & (np.abs(xy) < (1.0 if scene.fisheye is None else 3.0)).all(axis=1)
         seen = np.flatnonzero(ahead & (pixel > 0).all(axis=1) & (pixel < scene.size_px).all(axis=1))

@@ -67,13 +67,18 @@ def measure() -> list[Metric]:
 
 def positions_of(flight: Flight, estimate: Estimate, photos: Path, placed: NDArray[np.bool_]) -> Positions:
     """Positions of each photo: ours, the reference's and the GPS's."""
-    with (photos / "sfm_reference.csv").open() as stream:
-        rows = {row[0]: [float(x) for x in row[1:]] for row in list(csv.reader(stream))[1:]}
+    rows = reference_of(photos)
     reference = np.array([rows[name] for name in estimate.frame_names])
     assert flight.gps is not None
     gps = flight.gps
     fixes = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, gps.altitude_m, origin_of(estimate))
     return Positions(estimate.w_T_b[placed, :3, 3], reference[placed], fixes[estimate.frame_index[placed]])
+
+
+def reference_of(photos: Path) -> dict[str, list[float]]:
+    """Return the position of each photograph by structure from motion, in metres."""
+    with (photos / "sfm_reference.csv").open() as stream:
+        return {row[0]: [float(x) for x in row[1:]] for row in list(csv.reader(stream))[1:]}
 
 
 def origin_of(estimate: Estimate) -> GeoOrigin:

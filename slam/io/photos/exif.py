@@ -30,6 +30,8 @@ from slam.io.tiff import XMP_TAG, tiff_header
 
 Angles = tuple[float, float, float]
 """Yaw, pitch, roll in degrees."""
+Velocity3 = tuple[float, float, float]
+"""North, east, down in m/s."""
 
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 """Millimetres per FocalPlaneResolutionUnit: inch, centimetre and, as an extension of the standard, millimetre
@@ -87,6 +89,8 @@ class PhotoTags:
     makers store the angles of the gimbal."""
     airframe: Angles | None = None
     """Attitude of the vehicle."""
+    speed_ned_m_s: Velocity3 | None = None
+    """Velocity of the vehicle north, east and down; None without it."""
     attitude_faults: tuple[str, ...] = ()
     """Why tags of an attitude are not used."""
     xmp_damaged: bool = False
@@ -123,6 +127,7 @@ def read_tags(path: Path) -> PhotoTags:
         **_camera(tags, xmp),
         **_time(tags, gps),
         position=read_position(gps, xmp),
+        speed_ned_m_s=_speed(xmp),
         **_attitude_angles(xmp),
     )
 
@@ -225,6 +230,16 @@ def _attitude_angles(xmp: Xmp) -> dict[str, Any]:
         or _angles(xmp, "drone", faults, *_nested("VehicleOrientationNED")),
         "attitude_faults": tuple(faults),
     }
+
+
+def _speed(xmp: Xmp) -> Velocity3 | None:
+    """Return DJI's velocity of the vehicle north, east and down [m/s].
+
+    Source: DJI, P4 Multispectral Image Processing Guide (2020), section I: ground speed northern, eastern and
+    vertical. Vertical speeds of DJI's flight controllers are positive downward.
+    """
+    north, east, down = (number(xmp.text("drone", f"Flight{axis}Speed")) for axis in "XYZ")
+    return None if north is None or east is None else (north, east, down or 0.0)
 
 
 def _nested(structure: str) -> list[str]:

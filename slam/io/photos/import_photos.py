@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -35,6 +36,7 @@ from slam.io.photos.gps import photo_gps
 from slam.io.photos.photo_set import AttitudeSource, Photo, select_photos
 from slam.io.photos.position import HEIGHT_ABOVE_TAKEOFF_STD_M
 from slam.io.photos.timestamp_marks import with_marks
+from slam.io.photos.velocity import photo_velocities
 from slam.io.transparent_pixels import transparent_pixels
 
 Array = NDArray[np.float64]
@@ -65,6 +67,8 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
     camera, camera_remarks = photo_camera(tags)
     gps, gps_remarks = photo_gps(photos, stamps_s)
     frames, frame_remarks = _frames(photos, stamps_s)
+    velocity, velocity_remarks = photo_velocities(photos, gps, stamps_s)
+    frames = replace(frames, w_v_m_s=velocity)
     vehicle = tags[0].model if tags[0].model.startswith(tags[0].make) else f"{tags[0].make} {tags[0].model}"
     date = datetime.fromtimestamp(epoch_ns // _SECOND_NS, UTC).date().isoformat() if epoch_ns else ""
     notes = {"vehicle": vehicle.strip(), "date": date}
@@ -87,6 +91,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
         *camera_remarks,
         *_several_cameras(tags),
         *gps_remarks,
+        *velocity_remarks,
         *frame_remarks,
         *_damaged_tags(tags),
         *_turned(tags),

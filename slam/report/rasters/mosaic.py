@@ -34,6 +34,7 @@ from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_ta
 from slam.report.rasters.checkpoints import JobCheckpoints
 from slam.report.rasters.level_ground import is_level, levelled
 from slam.report.rasters.look_elsewhere import looking_elsewhere
+from slam.report.rasters.picture_loader import PictureLoader
 from slam.report.rasters.quality import write_quality
 from slam.report.rasters.surface import MeasuredGround, measure_ground, without_unseen
 
@@ -225,9 +226,7 @@ def _planned(
     if gsd_m is not None and not (math.isfinite(gsd_m) and gsd_m > 0):
         raise InputError(f"ground resolution {gsd_m} {length}/pixel: give a number above 0")
 
-    def load(k: int) -> Image | None:
-        return frames[int(estimate.frame_index[k])].read()
-
+    load = PictureLoader.of(estimate, frames, camera)
     jobs = JobCheckpoints(checkpoints, frames, estimate.frame_index)
 
     def planned(leave_out: dict[int, str]) -> MosaicPlan:

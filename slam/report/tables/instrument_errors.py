@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import degrees
 
+from backend.wording import counted
 from slam.core.instrument_errors import (
     AccelerometerErrors,
     AntennaPlace,
@@ -12,6 +13,7 @@ from slam.core.instrument_errors import (
     BarometerErrors,
     LensNumber,
     MountTilt,
+    RollingShutter,
     VelocityErrors,
 )
 from slam.core.units import SPACE, to_error, with_error
@@ -56,6 +58,20 @@ def lens_text(found: Mapping[str, LensNumber] | None, estimated: bool = True) ->
         for name, n in (found or {}).items()
         if n.estimated == estimated
     )
+
+
+def shutter_text(found: RollingShutter | None) -> str:
+    """Read-out time of photographs, and whether it was estimated, in words."""
+    if found is None:
+        return ""
+    motion = f"the motion of {counted(found.known_velocities, 'picture')}"
+    if found.estimated:
+        ms = with_error(1e3 * found.readout_s, 1e3 * found.std_s)
+        return f"rolling: {ms} ms from the first row to the last, estimated by {motion}"
+    if found.told_std_s == 0:
+        return f"rolling: {1e3 * found.readout_s:.3g} ms from the first row to the last, as stated"
+    known = f"tells its time to {1e3 * found.std_s:.2g} ms"
+    return f"taken as global: {motion} shows no rolling shutter, and {known}"
 
 
 def antenna_text(found: AntennaPlace | None) -> str:

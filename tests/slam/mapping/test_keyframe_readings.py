@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from frontend.camera import Camera
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, geodetic_from_enu
-from slam.core.streams import AttitudeSeries, Gps, Scalar, Sonar
+from slam.core.streams import AttitudeSeries, Frames, Gps, Scalar, Sonar
 from slam.mapping.config import PipelineConfig
 from slam.mapping.gps.fixes import fixes_of
 from slam.mapping.keyframe_readings import (
@@ -17,6 +18,7 @@ from slam.mapping.keyframe_readings import (
     heights_at,
     local_value,
     ranges_at,
+    row_exposure,
 )
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)
@@ -255,3 +257,22 @@ def test_a_wild_attitude_does_not_enter_that_of_a_keyframe():
     angles[::7] += [0.8, 0.3, -0.4]
     for a in attitudes_at(AttitudeSeries(stamps_s, angles), np.arange(0.2, 1.8, 0.05), 0.005):
         assert a.roll_pitch_yaw_rad == pytest.approx([0.02, -0.03, 0.5])
+
+
+def test_photographs_have_the_velocity_of_their_picture():
+    """The keyframes are some of the pictures, and a clock's correction has moved their stamps."""
+    w_v_m_s = np.arange(15.0).reshape(5, 3)
+    frames = Frames(2.0 * np.arange(5), tuple("abcde"), lambda k: None, w_v_m_s=w_v_m_s)
+    flight = Flight("photographs", camera=Camera((80.0, 80.0), (50.0, 40.0), (101, 81)), frames=frames)
+    assert row_exposure(flight, frames.stamps_s) is None, "a video"
+    found = row_exposure(replace(flight, all_keyframes=True), np.array([2.3, 3.7, 8.3]))
+    assert (found.rows, found.readout_s) == (81, None)
+    np.testing.assert_array_equal(found.w_v_m_s, w_v_m_s[[1, 2, 4]])
+
+
+def test_a_stated_read_out_time_and_unknown_velocities_of_photographs():
+    camera = Camera((80.0, 80.0), (50.0, 40.0), (101, 81), readout_s=0.02)
+    frames = Frames(2.0 * np.arange(5), tuple("abcde"), lambda k: None)
+    found = row_exposure(Flight("p", camera=camera, frames=frames, all_keyframes=True), frames.stamps_s[1:3])
+    assert found.readout_s == 0.02
+    np.testing.assert_array_equal(found.w_v_m_s, np.full((2, 3), np.nan))

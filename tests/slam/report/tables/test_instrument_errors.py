@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from slam.core.instrument_errors import LensNumber
+from slam.core.instrument_errors import LensNumber, RollingShutter
 from slam.core.units import SPACE
-from slam.report.tables.instrument_errors import lens_text
+from slam.report.tables.instrument_errors import lens_text, shutter_text
 
 
 def test_the_numbers_of_a_lens_are_told_by_the_flight_or_before_it():
@@ -18,3 +18,18 @@ def test_the_numbers_of_a_lens_are_told_by_the_flight_or_before_it():
     held = lens_text(lens, estimated=False).replace(SPACE, " ")
     assert held == "k3 -0.279 ± 0.017 (before the flight: -0.264 ± 0.020)"
     assert lens_text(None) == lens_text(None, estimated=False) == ""
+
+
+def test_a_shutter_is_estimated_stated_or_taken_as_global():
+    found = RollingShutter(0.0301, 0.0012, 0.04, estimated=True, known_velocities=60)
+    words = shutter_text(found).replace(SPACE, " ")
+    assert words == (
+        "rolling: 30.1 ± 1.2 ms from the first row to the last, estimated by the motion of 60 pictures"
+    )
+    fixed = RollingShutter(0.0, 0.0012, 0.04, estimated=False, known_velocities=60)
+    assert shutter_text(fixed) == (
+        "taken as global: the motion of 60 pictures shows no rolling shutter, and tells its time to 1.2 ms"
+    )
+    stated = RollingShutter(0.03, 0.0, 0.0, estimated=False, known_velocities=60)
+    assert shutter_text(stated) == "rolling: 30 ms from the first row to the last, as stated"
+    assert shutter_text(None) == ""

@@ -1,0 +1,85 @@
+"""Motion of the cameras while the rows of their pictures are exposed one after the other.
+
+A row is exposed later than the middle one by a share of the read-out time, and the camera has moved on by
+then. It counts as a motion along a straight line: how the camera turns meanwhile is not known of photographs.
+Poses are those of the middle row.
+
+Source: Vautherin et al. 2016, Photogrammetric accuracy and modeling of rolling shutter cameras (ISPRS Annals
+III-3): their linear model, here without its rotation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.bundle.pose_side_factors import PoseSideFactors
+from backend.bundle.projections import residuals
+
+Array = NDArray[np.float64]
+
+READOUT = gtsam.symbol("q", 0)
+"""Correction of the read-out time that the pixels have been corrected by: one number in seconds."""
+PRIOR_STD_S = 0.04
+"""Standard deviation of a read-out time about 0, where nobody states it. The 19 times that OpenDroneMap lists
+(``opendm/rollingshutter.py``) are 17 to 74 ms, and 39 ms in the mean of squares. The last row may be exposed
+first, as in a picture that the camera has turned."""
+
+
+@dataclass(frozen=True)
+class ExposureMotion:
+    """Velocities of the cameras, and the read-out time by which pixels of floor points are corrected."""
+
+    f_v: Array
+    """(n, 3) velocities in the frame of the pictures, in mean heights per second."""
+    is_told: NDArray[np.bool_]
+    """(n,) whether the velocity comes from the vehicle or the neighbours. Others are those that the picture
+    itself shows."""
+    rows: int
+    """Height of a picture in pixels."""
+    readout_s: float
+    """Time from the exposure of the first row to that of the last; negative where the last one is first."""
+    is_free: bool
+    """Whether a correction of this time is a variable."""
+    recorded_px: Array
+    """(m, 2) pixels of the floor points as recorded."""
+
+    def per_second(self, keyframe: NDArray[np.int64], pixel: Array) -> Array:
+        """Return how far (m, 3) the cameras have moved on at the rows of recorded pixels (m, 2), for each
+        second of the read-out time."""
+        return np.asarray(self.since_middle(pixel)[:, None] * self.f_v[keyframe])
+
+    def since_middle(self, pixel: Array) -> Array:
+        """Return the time (m,) from the middle row to that of each pixel, over the read-out time."""
+        return np.asarray(pixel[:, 1] / (self.rows - 1) - 0.5)
+
+    def as_at_once(
+        self, keyframe: NDArray[np.int64], track: NDArray[np.int64], f_T_c: Array, point: Array, lens: Array
+    ) -> Array:
+        """Return the pixels (m, 2) of floor points that a simultaneous exposure would have recorded.
+
+        ``point`` (t, 3) and the poses ``f_T_c`` (n, 4, 4) give the depths, ``lens`` (q,) the calibration.
+        """
+        pixel = np.ascontiguousarray(self.recorded_px)
+        moved = point[track] - moved_by_rows(self, keyframe, pixel)
+        each = np.arange(len(track))
+        late = residuals(f_T_c, moved, lens, keyframe, each, pixel)
+        return np.asarray(pixel + residuals(f_T_c, point, lens, keyframe, track, pixel) - late)
+
+
+def moved_by_rows(motion: ExposureMotion | None, keyframe: NDArray[np.int64], pixel: Array) -> Array:
+    """Return how far (m, 3) cameras were from their poses when the rows of pixels (m, 2) were exposed."""
+    if motion is None:
+        return np.zeros((len(keyframe), 3))
+    return motion.readout_s * motion.per_second(keyframe, pixel)
+
+
+def add_readout(pose_side: PoseSideFactors, motion: ExposureMotion) -> None:
+    """Add the prior on a free read-out time: the variable is what corrects that of ``motion``."""
+    if motion.is_free:
+        model = gtsam.noiseModel.Isotropic.Sigma(1, PRIOR_STD_S)
+        prior = gtsam.PriorFactorVector(READOUT, np.array([-motion.readout_s]), model)
+        pose_side.add("readout prior", prior)

@@ -1,0 +1,230 @@
+"""The read-out time of a rolling shutter, as far as the residuals of photographs taken in flight show one.
+
+Photographs do not tell by what shutter they were taken. The refined map under a global one is therefore
+tested: by the change of all pixels for a second of read-out time, with everything else free to follow it. The
+evidence of a rolling shutter is the ratio of the marginal likelihoods with and without that number, under its
+prior. Residuals of one picture are dependent, so the likelihood counts by its design effect, as in
+`backend.bundle.lens_evidence`. Where the evidence is very strong, the read-out time becomes a variable of the
+refinement; else it is fixed at 0.
+
+Velocities are those that the vehicle reports, where the map lies on Earth. Others are those between
+neighbours on the map itself, which need no scale. At the ends of strips neither is known: as soon as there is
+a read-out time, such a picture shows its velocity itself.
+
+Source: Dickey 1971 (evidence without one of the numbers); Kass and Raftery 1995.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X as POSE
+from numpy.typing import NDArray
+
+from backend.bundle.exposure_motion import PRIOR_STD_S, READOUT, ExposureMotion
+from backend.bundle.factors import LOG_SCALE, SLOPE, rotation_of
+from backend.bundle.graph import WORLD, BundleProblem, Variables
+from backend.bundle.lens_evidence import design_effect
+from backend.bundle.minimise import BundleOptimum
+from backend.bundle.observations import Cameras
+from backend.bundle.projections import linearise
+from backend.measurements.straight_flight import straight_velocities
+from backend.significance import VERY_STRONG_NATS
+from backend.sparse_cholesky import SingularMatrixError
+
+Array = NDArray[np.float64]
+
+_SETTLED = 0.05
+"""Change of corrected pixels over their noise, in the mean of squares, below which the rounds may end: each
+round halves what is left of the velocities that pictures show themselves."""
+
+
+@dataclass(frozen=True)
+class ReadoutEstimate:
+    """The time from the exposure of the first row to that of the last, as a refinement has it."""
+
+    readout_s: float
+    """0 where it is fixed and nobody states it; negative where the last row is exposed first."""
+    std_s: float
+    """Standard deviation with which the flight and the prior tell it; 0 where it is stated."""
+    prior_std_s: float
+    """Standard deviation of what was known before the flight, about 0; 0 where it is stated."""
+    is_estimated: bool
+    """Whether it was a variable. Otherwise it was fixed."""
+    known_velocities: int
+    """Number of pictures of which the vehicle or the neighbours tell the velocity."""
+
+
+@dataclass(frozen=True)
+class ReadoutTest:
+    """Evidence of a rolling shutter in a map that was made without one."""
+
+    readout_s: float
+    std_s: float
+    effect: float
+    """Factor on the variance of the read-out time, as residuals of one picture are dependent."""
+    log_evidence: float
+    """Logarithm of the ratio of the marginal likelihoods with and without a read-out time."""
+    motion: ExposureMotion
+
+
+def with_stated_readout(problem: BundleProblem, at: Variables) -> BundleProblem:
+    """Return the problem with the read-out time that somebody states, which is fixed."""
+    exposure = problem.measurements.exposure
+    if exposure is None or exposure.readout_s is None:
+        return problem
+    return _corrected(problem, at, _exposure_motion(problem, at, exposure.readout_s, is_free=False))
+
+
+def corrected_rows(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, Variables, bool]:
+    """Return problem and variables with pixels that are corrected by the read-out time and the velocities
+    found, and whether they are nearly those of before."""
+    if problem.exposure_motion is None:
+        return problem, at, True
+    motion = problem.exposure_motion
+    readout_s = motion.readout_s + Cameras.of(problem, at.values).readout_s
+    if motion.is_free:
+        values = gtsam.Values(at.values)
+        values.update(READOUT, np.zeros(1))
+        at = replace(at, values=values)
+    found = _corrected(problem, at, _exposure_motion(problem, at, readout_s, motion.is_free))
+    changed = (found.tracks.pixel - problem.tracks.pixel) / problem.tracks.std_px[:, None]
+    return found, at, not len(changed) or bool(np.sqrt(np.mean(changed**2)) < _SETTLED)
+
+
+def readout_test(optimum: BundleOptimum) -> ReadoutTest | None:
+    """Return the evidence of a rolling shutter; None where its read-out time is stated, no picture is known
+    to move, or the flight leaves a direction open."""
+    problem = optimum.problem
+    if problem.measurements.exposure is None or problem.exposure_motion is not None:
+        return None
+    motion = _exposure_motion(problem, optimum.at, 0.0, is_free=True)
+    seen = optimum.cost.observations
+    if not motion.f_v.any() or not len(seen.number):
+        return None
+    linear = optimum.linearise()
+    try:
+        reduced = linear.eliminate()
+    except SingularMatrixError:
+        return None
+    jacobian, residuals = linear.jacobian()
+    by_readout = motion.per_second(seen.keyframe, motion.recorded_px[seen.number])
+    column = np.zeros(len(residuals))
+    column[: 2 * len(seen.number)] = -(linear.seen.of_point @ by_readout[:, :, None]).ravel()
+    # What the other variables do not follow of it.
+    shared = np.asarray(jacobian.T @ column)
+    followed = reduced.solve(shared[: reduced.size], shared[reduced.size :])
+    influence = column - jacobian @ np.concatenate(followed)
+    effect = design_effect(optimum, influence, residuals)
+    information, gradient = float(influence @ influence) / effect, float(influence @ residuals) / effect
+    precision = information + PRIOR_STD_S**-2.0
+    gain = 0.5 * gradient**2 / precision - 0.5 * np.log(precision * PRIOR_STD_S**2)
+    return ReadoutTest(gradient / precision, precision**-0.5, effect, float(gain), motion)
+
+
+def freed_readout(optimum: BundleOptimum, test: ReadoutTest | None) -> tuple[BundleProblem, Variables] | None:
+    """Return problem and variables with the read-out time as a variable; None where the evidence fixes it."""
+    if test is None or test.log_evidence <= VERY_STRONG_NATS:
+        return None
+    values = gtsam.Values(optimum.values)
+    values.insert(READOUT, np.zeros(1))
+    at = replace(optimum.at, values=values)
+    return _corrected(optimum.problem, at, replace(test.motion, readout_s=test.readout_s)), at
+
+
+def readout_estimate(optimum: BundleOptimum, test: ReadoutTest | None) -> ReadoutEstimate | None:
+    """Return the read-out time of a map; None where nothing is known of how its rows were exposed."""
+    motion = optimum.problem.exposure_motion
+    if motion is None:
+        if test is None:
+            return None
+        return ReadoutEstimate(0.0, test.std_s, PRIOR_STD_S, False, _known(test.motion))
+    if not motion.is_free or test is None:
+        return ReadoutEstimate(motion.readout_s, 0.0, 0.0, False, _known(motion))
+    found = motion.readout_s + Cameras.of(optimum.problem, optimum.values).readout_s
+    try:
+        std_s = float(optimum.standard_deviations(READOUT)[0]) * np.sqrt(test.effect)
+    except SingularMatrixError:
+        std_s = np.nan
+    return ReadoutEstimate(found, std_s, PRIOR_STD_S, True, _known(motion))
+
+
+def row_motion_m(optimum: BundleOptimum) -> Array | None:
+    """Return the motion (n, 3) of the cameras in body axes from the exposure of the first row to that of the
+    last; None for a global shutter."""
+    problem, motion = optimum.problem, optimum.problem.exposure_motion
+    if motion is None:
+        return None
+    cameras = Cameras.of(problem, optimum.values)
+    scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
+    moved = scale * (motion.readout_s + cameras.readout_s) * motion.f_v
+    b_R_f = problem.b_T_c(optimum.values)[:3, :3] @ np.swapaxes(cameras.f_T_c[:, :3, :3], 1, 2)
+    return np.asarray(np.einsum("nab,nb->na", b_R_f, moved))
+
+
+def _known(motion: ExposureMotion) -> int:
+    return int(motion.is_told.sum())
+
+
+def _exposure_motion(
+    problem: BundleProblem, at: Variables, readout_s: float, is_free: bool
+) -> ExposureMotion:
+    measured, tracks = problem.measurements, problem.tracks
+    assert measured.exposure is not None
+    before = problem.exposure_motion
+    recorded_px = np.asarray(tracks.pixel, dtype=float) if before is None else before.recorded_px
+    velocity = _told_velocities(problem, at.values)
+    is_told = np.asarray(np.isfinite(velocity).all(axis=1))
+    motion = ExposureMotion(
+        np.nan_to_num(velocity), is_told, measured.exposure.rows, readout_s, is_free, recorded_px
+    )
+    return motion if readout_s == 0.0 else _with_own_velocities(problem, at, motion)
+
+
+def _told_velocities(problem: BundleProblem, values: gtsam.Values) -> Array:
+    """Return velocities (n, 3) of the cameras in mean heights per second; NaN where nothing tells them."""
+    measured = problem.measurements
+    place = np.array([values.atPose3(POSE(k)).translation() for k in range(measured.count)])
+    velocity = straight_velocities(measured.stamps_s, place)
+    if measured.exposure is not None and measured.placed:
+        world = values.atVector(WORLD)
+        reported = measured.exposure.w_v_m_s @ rotation_of(world, SLOPE) / np.exp(world[LOG_SCALE])
+        velocity = np.where(np.isfinite(reported), reported, velocity)
+    return velocity
+
+
+def _with_own_velocities(problem: BundleProblem, at: Variables, motion: ExposureMotion) -> ExposureMotion:
+    """Return the motion with the velocities that pictures show for themselves where nothing tells them.
+
+    Each is fitted with the pose of its picture to the points, within the speed of the other pictures. At the
+    ends of strips, some vehicles stop and others take no notice.
+    """
+    tracks, cameras = problem.tracks, Cameras.of(problem, at.values)
+    mine = np.flatnonzero(~motion.is_told[tracks.keyframe])
+    if not len(mine) or not motion.is_told.any():
+        return motion
+    keyframe, track = tracks.keyframe[mine], tracks.track[mine]
+    pixel = np.ascontiguousarray(motion.recorded_px[mine])
+    of_pose, of_point, of_lens = (np.empty((len(mine), 2, width)) for width in (6, 3, 0))
+    right = linearise(
+        cameras.f_T_c, at.point, cameras.calibration, keyframe, track, pixel, tracks.std_px[mine],
+        problem.config.huber_sigmas, of_pose, of_point, of_lens,
+    )  # fmt: skip
+    late_s = motion.readout_s * motion.since_middle(pixel)
+    columns = np.concatenate([of_pose, -late_s[:, None, None] * of_point], axis=2)
+    speed = np.sqrt(np.mean(np.sum(motion.f_v[motion.is_told] ** 2, axis=1)))
+    prior = np.diag([*(0.0,) * 6, *(speed**-2.0,) * 3]) if speed > 0 else np.eye(9)
+    velocity = motion.f_v.copy()
+    for k in np.unique(keyframe):
+        J, b = columns[keyframe == k].reshape(-1, 9), right[keyframe == k].ravel()
+        velocity[k] = np.linalg.lstsq(J.T @ J + prior, J.T @ b, rcond=None)[0][6:]
+    return replace(motion, f_v=velocity)
+
+
+def _corrected(problem: BundleProblem, at: Variables, motion: ExposureMotion) -> BundleProblem:
+    """Return the problem with the motion, and the pixels as its read-out time corrects them."""
+    cameras, tracks = Cameras.of(problem, at.values), problem.tracks
+    pixel = motion.as_at_once(tracks.keyframe, tracks.track, cameras.f_T_c, at.point, cameras.calibration)
+    return replace(problem, exposure_motion=motion, tracks=replace(tracks, pixel=pixel))
