@@ -321,6 +321,7 @@ except SystemExit as left:
         (HELP, ()),
         ("from slam import optimize", ()),
         ("import slam.mapping.main_loop", OF_MAPS),
+        ("import slam.simulation.recording", ("cv2", "numba", "scipy.optimize")),  # scipy.interpolate's
     ],
 )
 def test_importing_the_packages_loads_nothing_heavy(program, needed):

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from slam.core.flight import Flight
+from slam.core.recursion import recursion
 from slam.data_quality.channels import streams_of
 from slam.data_quality.commands import has_commands
 from slam.data_quality.dead_streams import FEWEST_READINGS
@@ -89,7 +89,7 @@ def _answers(flight: Flight, stick: Stick, times_s: Array) -> list[tuple[Array, 
     by ``REACH_S`` at both ends."""
     asked = stick.mean(times_s, times_s + GRID_S)[:, :2]
     decay = float(np.exp(-GRID_S / TILT_LAG_S))
-    tilt = lfilter([1.0 - decay], [1.0, -decay], asked, axis=0)
+    tilt = recursion((1.0 - decay) * asked, decay)
     read_by: list[tuple[Array, Array, Array]] = []
     if (attitude := flight.attitude) is not None:
         read_by.append((attitude.stamps_s, attitude.roll_pitch_yaw_rad, tilt))

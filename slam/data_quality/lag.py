@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+
+from slam.core.recursion import recursion
 
 Array = NDArray[np.float64]
 
@@ -42,5 +43,5 @@ def _smoothed(stamps_s: Array, signal: Array, time_s: float) -> Array:
     # The mean of both ends of a step is held over it: a held first value would be half a step late.
     even = np.column_stack([np.interp(even_s, stamps_s, column) for column in signal.T]) - signal[0]
     even[1:] = 0.5 * (even[1:] + even[:-1])
-    followed = lfilter([share], [1.0, share - 1.0], even, axis=0) + signal[0]
+    followed = recursion(share * even, 1.0 - share) + signal[0]
     return np.column_stack([np.interp(stamps_s, even_s, column) for column in followed.T])

@@ -13,7 +13,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.signal import lfilter
+
+from slam.core.recursion import recursion
 
 Array = NDArray[np.float64]
 Time = Annotated[float, Field(ge=0.01, le=60)]
@@ -88,7 +89,7 @@ def _process(white: Array, step: float) -> Array:
     keep = np.exp(-step)
     kicks = np.sqrt(-np.expm1(-2 * step)) * white
     kicks[0] = white[0]
-    return np.asarray(lfilter([1.0], [1.0, -keep], kicks))
+    return recursion(kicks, keep)
 
 
 def _pole(before: Array, first: float, step_s: float, noise: HoldNoise) -> tuple[Array, Array, float]:
@@ -108,5 +109,5 @@ def _pole(before: Array, first: float, step_s: float, noise: HoldNoise) -> tuple
     kicks = np.empty_like(before)
     kicks[1:] = from_begin * before[:-1] + from_end * before[1:]
     kicks[0] = with_o * before[0] + np.sqrt(max(variance - with_o**2, 0.0)) * first
-    after = np.asarray(lfilter([1.0], [1.0, -a], kicks))
+    after = recursion(kicks, a)
     return after, (before - after) / noise.velocity_pole_s, float(np.sqrt(variance))

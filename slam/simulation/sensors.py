@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from slam.core.recursion import recursion
 from slam.core.streams import AttitudeSeries, Command, Imu, Sonar, Velocity
 from slam.simulation.chance import generator
 from slam.simulation.instruments import Rate
@@ -45,7 +45,7 @@ def autoregressive(white: Array, correlation: float) -> Array:
     if correlation == 0.0:
         return white
     white = np.concatenate([white[:1], np.sqrt(1.0 - correlation**2) * white[1:]])
-    return np.asarray(lfilter([1.0], [1.0, -correlation], white, axis=0))
+    return recursion(white, correlation)
 
 
 def clock_stamps(times_s: Array, model: Model, rng: np.random.Generator) -> Array:
