@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -45,10 +46,14 @@ class Film:
         """The camera as the flight reports it."""
         return self.model.camera()
 
+    @cached_property
+    def _camera(self) -> Camera:
+        return true_camera(self.nominal_camera, self.effects)
+
     def __call__(self, k: int) -> Image:
         """Render picture k as (h, w, 3) BGR."""
-        camera = true_camera(self.nominal_camera, self.effects)
-        light = self._light(k, camera)
+        camera = self._camera
+        light = self._light(k)
         model, effects = self.model, self.effects
         if effects.vignetting > 0:
             darker = photometry.falloff(camera.size_px, camera.center_px, effects.vignetting)
@@ -63,9 +68,9 @@ class Film:
             light, model.noise_std, generator(self.seed, "camera", int(self.numbers[k]))
         )
 
-    def _light(self, k: int, camera: Camera) -> Image | NDArray[np.float32]:
+    def _light(self, k: int) -> Image | NDArray[np.float32]:
         """Return the light on the sensor: the mean over the exposure, each row at its own time."""
-        effects = self.effects
+        camera, effects = self._camera, self.effects
         scene = build_scene(self.world, self.marks, effects.moving_objects, self.seed)
         prisms = scene.prisms(float(self.stamps_s[k]) - effects.time_offset_s)
         w_T_c = self.w_T_b[k] @ camera.b_T_c
