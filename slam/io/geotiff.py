@@ -128,11 +128,16 @@ def height_tags(estimate: Estimate) -> dict[str, str]:
 
 
 def write_geotiff(
-    path: Path, grid: Grid, blocks: Iterator[Block], tags: Mapping[str, str] = MappingProxyType({})
+    path: Path,
+    grid: Grid,
+    blocks: Iterator[Block],
+    tags: Mapping[str, str] = MappingProxyType({}),
+    most_pixels: int = 0,
 ) -> None:
     """Write a Cloud-Optimised GeoTIFF to ``path``, complete or not at all.
 
-    Blocks first go into a plain tiled file beside it, since overviews need all of them.
+    Blocks first go into a plain tiled file beside it, since overviews need all of them. A raster of at most
+    ``most_pixels`` has no overviews, which take most of the time.
 
     Raises ``InputError`` if it cannot be written.
     """
@@ -154,7 +159,8 @@ def write_geotiff(
                     raster.write(np.moveaxis(block.rgba, 2, 0), window=window)
                     total += block.rgba.sum(axis=(0, 1), dtype=np.uint64)
             raster.update_tags(**tags, **{FINGERPRINTS_TAG: json.dumps(fingerprints)})
-        rasterio.shutil.copy(plain, partial, **COG, bigtiff="IF_SAFER")
+        overviews = "NONE" if grid.width * grid.height <= most_pixels else "AUTO"
+        rasterio.shutil.copy(plain, partial, **COG, bigtiff="IF_SAFER", overviews=overviews)
         _verify(partial, total)
 
 

@@ -183,7 +183,8 @@ def write_chain_picture(
         made = _planned(estimate, flight, w_T_b, {}, gsd_m, _stage(progress, "mosaic_chain"), checkpoints)
     with _put_into(out_dir) as work:
         tif, png = work / "mosaic_chain.tif", work / "mosaic_chain.png"
-        write_geotiff(tif, made.grid, _Tiles(made, lambda mark, shape: None).blocks())
+        blocks = _Tiles(made, lambda mark, shape: None).blocks()
+        write_geotiff(tif, made.grid, blocks, most_pixels=MAX_PNG_PIXELS)  # for the PNG alone
         write_png(tif, png, MAX_PNG_PIXELS)
         tif.unlink()
     return out_dir / png.name

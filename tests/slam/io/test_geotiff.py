@@ -86,6 +86,16 @@ def test_file_is_cloud_optimised(tmp_path: Path) -> None:
     assert np.abs(small[-500:, -500:, :3] - want).max() <= 1
 
 
+@pytest.mark.parametrize(("most_pixels", "overviews"), [(600 * 700, []), (600 * 700 - 1, [2])])
+def test_a_raster_has_overviews_only_above_the_pixels_that_its_picture_may_have(
+    tmp_path: Path, most_pixels: int, overviews: list[int]
+) -> None:
+    path = tmp_path / "mosaic.tif"
+    write_geotiff(path, Grid(0.0, 0.0, 0.1, 700, 600), blocks(picture(600, 700)), most_pixels=most_pixels)
+    with rasterio.open(path) as raster:
+        assert raster.overviews(1) == overviews
+
+
 def test_png_and_world_file_agree_with_the_geotiff(tmp_path: Path) -> None:
     rgba = picture(900, 1200)
     write_geotiff(tmp_path / "m.tif", Grid(-3.0, 7.0, 0.02, 1200, 900), blocks(rgba))
