@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse import coo_matrix, csc_array, csc_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU
+
+from backend.pose_graph.linear import cholesky
 
 Array = NDArray[np.float64]
 
@@ -63,12 +65,41 @@ def adjust_heights(
     factor = None
     for number in range(_ROUNDS):
         W = weight / sigma**2
-        factor = splu(csc_matrix(A.T @ A.multiply(W[:, None]) + weak))
+        factor = cholesky(csc_array(A.T @ A.multiply(W[:, None]) + weak))
         x = factor.solve(A.T @ (W * b))
         # The kernel starts wide and narrows: outliers first bias their neighbours, which must not be rejected
         # for that.
         width = max(2.0, 32.0 * 0.5**number)
         weight = 1.0 / (1.0 + ((A @ x - b) / (width * sigma)) ** 2)
     assert factor is not None
-    variance = np.array([factor.solve(np.eye(1, count, q).ravel())[q] for q in range(count)])
-    return HeightEstimate(np.exp(x), np.sqrt(np.where(metric, variance, 0.0)), metric)
+    return HeightEstimate(np.exp(x), np.sqrt(np.where(metric, _variances(factor), 0.0)), metric)
+
+
+def _variances(factor: SuperLU) -> Array:
+    """Return the diagonal (n,) of the inverse of a factorised matrix L D L' without dense columns.
+
+    Row j of the inverse on the pattern of column j of L depends on the rows below in that pattern alone. All
+    of these are in the pattern of the first of them: no entry of the factor cancels, since all entries beside
+    the diagonal are negative. Source: Takahashi, Fagan and Chen 1973.
+    """
+    L, D = csc_array(factor.L), factor.U.diagonal()
+    L.sort_indices()
+    rows, columns = (np.split(each, L.indptr[1:-1]) for each in (L.indices, L.data))
+    inverse: dict[int, Array] = {}
+    waiting = np.bincount([each[1] for each in rows if len(each) > 1], minlength=len(D))
+    variance = np.empty(len(D))
+    for j in reversed(range(len(D))):
+        below, column = rows[j][1:], columns[j][1:]
+        own = np.empty((len(below) + 1,) * 2)
+        if len(below):
+            parent = int(below[0])
+            at = np.searchsorted(rows[parent], below)
+            own[1:, 1:] = inverse[parent][at[:, None], at]
+            waiting[parent] -= 1
+            if not waiting[parent]:
+                del inverse[parent]
+        own[1:, 0] = own[0, 1:] = -own[1:, 1:] @ column
+        own[0, 0] = variance[j] = 1 / D[j] - own[0, 1:] @ column
+        if waiting[j]:
+            inverse[j] = own
+    return np.asarray(variance[factor.perm_c])

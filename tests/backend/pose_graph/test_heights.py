@@ -1,3 +1,5 @@
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -49,6 +51,38 @@ def test_each_part_has_its_own_scale():
     assert found.metric.tolist() == [True, True, True, False, False, False]
     assert found.height_m[:3] == pytest.approx(5.0 * np.exp([-0.1, 0.0, 0.1]), rel=1e-6)
     assert found.height_m[3:] == pytest.approx(np.exp([-0.2, 0.2, 0.0]), rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_deviations_are_those_of_the_whole_inverse(seed: int):
+    """All readings agree, so that every weight is 1."""
+    log_height, i, j = samples(seed)
+    k = np.arange(0, 40, 3)
+    found = adjust_heights(
+        40,
+        i,
+        j,
+        log_height[j] - log_height[i],
+        np.full(len(i), 0.01),
+        k,
+        log_height[k],
+        np.full(len(k), 0.02),
+    )
+    A = np.zeros((len(i) + len(k), 40))
+    A[np.arange(len(i)), i], A[np.arange(len(i)), j] = -100, 100
+    A[len(i) + np.arange(len(k)), k] = 50
+    assert found.log_std == pytest.approx(np.sqrt(np.diag(np.linalg.inv(A.T @ A))), rel=1e-6)
+
+
+def test_an_hour_of_keyframes_takes_seconds():
+    """A solve for the deviation of each took thirteen."""
+    n = 20_000
+    i, j = np.arange(n - 1), np.arange(1, n)
+    begin = time.process_time()
+    adjust_heights(
+        n, i, j, np.zeros(n - 1), np.full(n - 1, 0.01), np.arange(n), np.zeros(n), np.full(n, 0.01)
+    )
+    assert time.process_time() - begin < 4
 
 
 def test_thirty_percent_outliers_do_no_harm():
