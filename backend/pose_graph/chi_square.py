@@ -65,6 +65,6 @@ def edges_test(dof: int, poses: int, edges: int, unary_rows: int, statistic: flo
     return ChiSquare(statistic, free, chi_square_gate(free) if free > 0 else np.inf)
 
 
-def chi_square_gate(dof: int) -> float:
+def chi_square_gate(dof: float) -> float:
     """Return the squared whitened distance of ``dof`` numbers that a true edge exceeds once in a thousand."""
     return chi_square_limit(SIGNIFICANCE, dof)

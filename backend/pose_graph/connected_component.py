@@ -67,7 +67,7 @@ class SolvedComponent:
 def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     """Solve one connected component. Raises ``BackendError`` if it has no solution."""
     start = initial_poses(problem)
-    priors, open_directions = _gauge_priors(problem, start)
+    priors, open_directions = gauge_priors(problem, start)
     gauge_fixed = GaugeFixedProblem(problem, priors, options)
     kept = np.ones(len(problem.i), dtype=bool)
     sigma = np.full(len(kept), np.nan)
@@ -212,7 +212,7 @@ def is_placed_alone(problem: Problem) -> bool:
     return len(_unobserved(problem, initial_poses(problem))) == 0
 
 
-def _gauge_priors(problem: Problem, start: Array) -> tuple[gtsam.NonlinearFactorGraph, str]:
+def gauge_priors(problem: Problem, start: Array) -> tuple[gtsam.NonlinearFactorGraph, str]:
     """Return unary factors plus a gauge prior on unobserved directions, and a sentence about that prior."""
     priors = problem.unary_factor_graph()
     if any(a.kind == "fixed" for a in problem.unary_factors):

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from backend.measurements import Attitude, Measurements, SlantRange
+from backend.pose_graph.edge_noise import typical_variance
 from backend.pose_graph.solution import Solution
 from backend.pose_graph.solve import solve
-from backend.quantiles import chi_square_quantile
 from slam.core.heap import trim_heap
 from slam.core.units import unit
 from slam.io.down_looking import LEAST_FALL
@@ -38,14 +38,15 @@ def graph_measurements(
 ) -> tuple[Measurements, Solution]:
     """Return the measurements of the pose graph, and their fit without rejection.
 
-    A common tilt error makes all edges disagree slightly. That is no reason to reject an edge: the
-    covariances of all edges grow by as much as their fit is typically off.
+    A common tilt error makes all edges disagree slightly, and so does the compression of a video, which moves
+    neighbouring features alike. That is no reason to reject an edge: the covariances of all edges grow by as
+    much as a typical one is off.
     """
     measurements = _stated_measurements(edges, setup)
     plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
     if not edges.relative_poses:
         return measurements, plain
-    typical = float(np.median(plain.edge_residual**2)) / chi_square_quantile(0.5, 6)
+    typical = typical_variance(measurements, plain)
     if typical > 1.0:
         widened = (replace(r, covariance=typical * r.covariance) for r in edges.relative_poses)
         measurements = replace(measurements, relative_poses=tuple(widened))
