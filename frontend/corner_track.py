@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.homography import transfer
-from frontend.motions import MOST_LEAD, Expectation
+from frontend.motions import KNOWN_MOTION_WIDTHS, MOST_LEAD, Expectation
 
 Array = NDArray[np.float64]
+FloorHomography = Callable[[int], Array]
+"""Function of a frame: homography (3, 3) from its undistorted pixels to the floor."""
 
 MOVES = 0.02
 """Least corner motion, in picture widths, of a moving picture."""
@@ -64,3 +67,18 @@ class CornerTrack:
         (before, last), (a, b) = self.frames, self.corners_px
         steps = (frame - last) / (last - before)
         return Expectation(np.asarray(b + steps * (b - a), dtype=float), self.lead)
+
+
+def expectations(
+    floor_H: FloorHomography | None, corners_px: Array
+) -> Callable[[CornerTrack, int], Expectation | None]:
+    """Return what predicts a later frame of a track: the instruments, which tell the motion since its last
+    frame, or without ``floor_H`` a constant velocity. ``corners_px`` (4, 2) are those of a picture."""
+    if floor_H is None:
+        return CornerTrack.expected
+
+    def by_instruments(track: CornerTrack, frame: int) -> Expectation | None:
+        step = np.linalg.inv(floor_H(track.frames[-1])) @ floor_H(frame)
+        return Expectation.at(track.homography(corners_px) @ step, corners_px, KNOWN_MOTION_WIDTHS)
+
+    return by_instruments

@@ -20,7 +20,7 @@ from frontend.features import Features
 from frontend.flow_frame import WINDOW_PX, FlowFrame
 from frontend.gates import GateConfig, reject_reason
 from frontend.homography import HomographyConfig, HomographyFit, fit_homography, transfer
-from frontend.motions import DISTINCT_MOTION_WIDTHS, ELSEWHERE, Expectation
+from frontend.motions import ELSEWHERE, Expectation
 from frontend.points import Points
 from frontend.registration import Registration, overlap
 from frontend.robust import median
@@ -85,7 +85,7 @@ class FlowTemplate:
         far_px = FAR_PX * self.frame.scale[0]
         if found is not None and _off_px(found.fit.i_H_j, predicted, self._corners) > far_px:
             found = self._fit(compared, mask, found.fit.i_H_j, homography)
-        away_px = DISTINCT_MOTION_WIDTHS * camera.size_px[0]
+        away_px = expected.within_widths * camera.size_px[0]
         if found is None or expected.off_px(found.fit.i_H_j, self._corners) > away_px:
             return None
         fit, covered = found.fit, overlap(found.fit.i_H_j, camera)

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.corner_track import CornerTrack
+from frontend.corner_track import CornerTrack, expectations
 from frontend.features import Extractor, Features
 from frontend.flow import FlowTemplate
 from frontend.gates import GateConfig, relative_change
 from frontend.homography import HomographyConfig, transfer
 from frontend.line_tracking import InstrumentMotion, LineTracker
 from frontend.masking import unless_hidden
-from frontend.motions import MOST_LEAD, Expectation
+from frontend.motions import MOST_LEAD, Expectation, OtherMotion
 from frontend.photographs import NO_SEARCH_CHECKPOINTS, Photograph, SearchCheckpoints, photographs
 from frontend.registration import Registration, register
 from frontend.tracked import IntermediateFrame, Keyframe, Matched, Tracked, on_floor
@@ -69,11 +69,13 @@ class Tracker:
         look_ahead: bool = True,
         is_urged: IsUrged = lambda features: False,
         motion: InstrumentMotion | None = None,
+        by_instruments: bool = False,
     ) -> None:
         """``masks`` returns the mask of a frame number; 0 marks pixels to ignore. ``known`` returns the
         features of its whole picture, if they were extracted before. ``look_ahead``: see `Views`.
         ``is_urged`` waits for the features of a keyframe, and returns whether a picture waits before they are
-        there: it is then followed from the keyframe before."""
+        there: it is then followed from the keyframe before. ``by_instruments``: expect the floor where
+        ``motion`` has it, instead of at constant velocity."""
         self.camera, self.extractor = camera, extractor
         self.homography, self.gates, self.config = homography, gates, config
         self._masks, self._known, self._is_urged = masks, known, is_urged
@@ -86,7 +88,8 @@ class Tracker:
         self.dropped: dict[int, str] = {}
         """Number of each dropped frame -> reason."""
         self.frames = 0
-        self.moving: set[int] = set()
+        self._expected = expectations(motion if by_instruments else None, self._corners)
+        self.moving: dict[int, OtherMotion] = {}
         """Frames with a motion other than that of the floor."""
         self.passed: list[IntermediateFrame] = []
         self.newest: IntermediateFrame | None = None
@@ -254,7 +257,7 @@ class Tracker:
         if len(view.features) < self.gates.min_inliers:
             link, reason = None, TOO_FEW
         else:
-            link, reason = self._matched(number, view, last, corner_track.expected(view.frame))
+            link, reason = self._matched(number, view, last, self._expected(corner_track, view.frame))
         if link is None:
             aligned = self._aligned(number, view, last, corner_track)
             return aligned, NOT_ALIGNED if reason == TOO_FEW and self._shows_lines(view) else reason
@@ -263,7 +266,7 @@ class Tracker:
 
     def _by_flow(self, number: int, view: View, last: Matched, corner_track: CornerTrack) -> Tracked | None:
         """Register the picture to the last keyframe by flow; None where that does not settle it."""
-        expected = corner_track.expected(view.frame)
+        expected = self._expected(corner_track, view.frame)
         if not self.config.flow or expected is None:
             return None
         link = self._template_of(last).register(
@@ -318,8 +321,8 @@ class Tracker:
             return None, str(link.reason)
         if self._changes_too_much(link):
             return None, "change above gamma_2"
-        if len(link.elsewhere):
-            self.moving.add(view.frame)
+        if link.other is not None:
+            self.moving[view.frame] = link.other
         return link, ""
 
     def _changes_too_much(self, link: Registration) -> bool:

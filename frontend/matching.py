@@ -47,7 +47,7 @@ def match_near(a: Features, b: Features, near: Near) -> NDArray[np.int64]:
     them or a wrong one. Here a near pair is lost only if better matches elsewhere in both pictures win the
     ratio test against it.
     """
-    apart, ratio = _apart(a, b)
+    apart, ratio = distances(a, b)
     won = (apart <= apart.min(axis=1)[:, None] / ratio) | (apart <= apart.min(axis=0) / ratio)
     of_a, of_b = np.divmod(np.flatnonzero(won), len(b))  # few of all pairs, in the order of a
     chosen = near(of_a, of_b)
@@ -73,7 +73,7 @@ def _spots(a: Features, b: Features, kept: NDArray[np.intp], nearest: NDArray[np
     return np.column_stack(np.divmod(once, len(b)))
 
 
-def _apart(a: Features, b: Features) -> tuple[NDArray[np.float32], float]:
+def distances(a: Features, b: Features) -> tuple[NDArray[np.float32], float]:
     """Return how far apart (n_a, n_b) the descriptors of all pairs are, and the ratio test's limit for it.
 
     It is the squared distance of float descriptors, which takes no roots.

@@ -31,6 +31,9 @@ DISTINCT_MOTION_WIDTHS = 0.05
 """A motion whose corners lie this many picture widths from where they are expected may not be the floor's."""
 MOST_LEAD = 2.0
 """Upper limit of the lead, in pictures filled by the floor alone."""
+KNOWN_MOTION_WIDTHS = 0.02
+"""As `DISTINCT_MOTION_WIDTHS`, where instruments tell the motion: two readings of an attitude within 0.4
+degrees (small drones) displace a picture of 64 degrees by 1 %, and this is twice as much."""
 MIXED, SHARP, SHARPER = 0.1, 0.25, 3.0
 """If the noise of a fit exceeds this share of its threshold, two motions may be mixed. The fit with this
 share of the threshold is one of them if its noise is so many times smaller."""
@@ -44,13 +47,17 @@ class Expectation:
     """(4, 2) predicted corners of picture j in picture i."""
     lead: float
     """Sum over pictures of the share of cells that the floor explained beyond other motions."""
+    within_widths: float = DISTINCT_MOTION_WIDTHS
+    """Error of the prediction, in picture widths, within which a motion may be the floor's."""
 
     @staticmethod
-    def at(i_H_j: Array, corners_px: Array) -> Expectation | None:
+    def at(
+        i_H_j: Array, corners_px: Array, within_widths: float = DISTINCT_MOTION_WIDTHS
+    ) -> Expectation | None:
         """Predict from a known homography; None where a corner lies beyond the horizon."""
         if (corners_px @ i_H_j[2, :2] + i_H_j[2, 2] <= 0).any() or not np.isfinite(i_H_j).all():
             return None
-        return Expectation(transfer(i_H_j, corners_px), MOST_LEAD)
+        return Expectation(transfer(i_H_j, corners_px), MOST_LEAD, within_widths)
 
     def off_px(self, i_H_j: Array, corners_px: Array) -> float:
         """Return the mean distance of the corners from their prediction."""
@@ -68,6 +75,32 @@ class Expectation:
 
 
 @dataclass(frozen=True)
+class OtherMotion:
+    """A second motion in a pair of pictures, beside that of the floor."""
+
+    share: float
+    """Share of the cells with matches of either motion that have matches of this one."""
+    moved_px: tuple[float, float]
+    """Mean displacement of its matches from picture j to picture i."""
+    floor_px: tuple[float, float]
+    """Displacement of the floor at the same places."""
+    middle_px: tuple[float, float]
+    """Displacement of the floor in the middle of the picture: a turn about it adds nothing."""
+
+    @staticmethod
+    def of(
+        share: float, i_H_j: Array, floor_i_H_j: Array, at: Array, size_px: tuple[int, int]
+    ) -> OtherMotion:
+        """Describe the motion of points at (m, 2) in picture j, beside that of the floor."""
+        middle = 0.5 * np.array([size_px], dtype=np.float64)
+        moved, floor, of_middle = (
+            (transfer(H, place) - place).mean(axis=0).tolist()
+            for H, place in ((i_H_j, at), (floor_i_H_j, at), (floor_i_H_j, middle))
+        )
+        return OtherMotion(share, tuple(moved), tuple(floor), tuple(of_middle))
+
+
+@dataclass(frozen=True)
 class FloorMotion:
     """The floor's homography in a pair of pictures."""
 
@@ -78,6 +111,15 @@ class FloorMotion:
     """(3, 3) homography of the other motion; None without one."""
     lead: float
     """As in `Expectation`, this pair of pictures included."""
+
+    def other(self, pixel_j: Array, size_px: tuple[int, int]) -> OtherMotion | None:
+        """Describe the other motion of the matches at (m, 2) in picture j; None without one."""
+        if self.other_i_H_j is None or not self.elsewhere.any():
+            return None
+        at, filled = pixel_j[self.elsewhere], occupied(cells(pixel_j[self.fit.inlier], size_px))
+        cell = occupied(cells(at, size_px))
+        share = float(cell.sum() / (cell | filled).sum())
+        return OtherMotion.of(share, self.other_i_H_j, self.fit.i_H_j, at, size_px)
 
 
 def floor_motion(
@@ -96,7 +138,8 @@ def floor_motion(
     most = _one_motion(points_i, points_j, corners_px, config)
     if most is None:
         return None
-    cell, away_px = cells(points_j.pixel, size_px), DISTINCT_MOTION_WIDTHS * size_px[0]
+    cell = cells(points_j.pixel, size_px)
+    away_px = (expected.within_widths if expected else DISTINCT_MOTION_WIDTHS) * size_px[0]
     chosen = ~most.inlier
     off_px = expected.off_px(most.i_H_j, corners_px) if expected else 0.0
     if expected and off_px > away_px:

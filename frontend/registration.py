@@ -14,7 +14,7 @@ from frontend.features import Features
 from frontend.gates import GateConfig, local_scale, reject_reason
 from frontend.homography import HomographyConfig, transfer
 from frontend.matching import match, match_near
-from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation, FloorMotion, floor_motion
+from frontend.motions import Expectation, FloorMotion, OtherMotion, floor_motion
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,8 @@ class Registration:
     """Confidence in the floor's motion over other motions, defined in `frontend.motions.Expectation`."""
     by_lines: bool = False
     """Whether it rests on grey levels (`frontend.alignment`) instead of matches."""
+    other: OtherMotion | None = None
+    """The motion that is not the floor's; None without one."""
 
     @property
     def ok(self) -> bool:
@@ -77,7 +79,7 @@ def register(
 
     found = floor(pairs)
     off_px = expected.off_px(found.fit.i_H_j, corners) if expected and found else 0.0
-    if expected and off_px > DISTINCT_MOTION_WIDTHS * camera.size_px[0]:
+    if expected and off_px > expected.within_widths * camera.size_px[0]:
         # On a repetitive floor the features may match where they are expected too.
         predicted = expected.predicted(b.pixel, corners)
 
@@ -100,6 +102,7 @@ def register(
         i=i, j=j, reason=reason, matches=pairs[fit.inlier], i_H_j=fit.i_H_j,
         corner_covariance=fit.corner_covariance, noise_px=fit.noise_px, overlap=covered,
         elsewhere=pairs[found.elsewhere, 1], least_overlap=min(covered, other), lead=found.lead,
+        other=found.other(b.pixel[pairs[:, 1]], camera.size_px),
     )  # fmt: skip
 
 

@@ -33,6 +33,16 @@ it tilts by up to 10 degrees, and back within a second."""
 
 
 @dataclass(frozen=True)
+class _Filtered:
+    """Motion by the filter at the times of the frames."""
+
+    w_T_b: Array
+    """(f, 4, 4) poses."""
+    speed_std_m_s: Array
+    """(f,) larger standard deviation of the horizontal velocity along an axis."""
+
+
+@dataclass(frozen=True)
 class FloorViews:
     """Homographies from the pictures of a flight to the floor, as `frontend.line_tracking` needs them."""
 
@@ -61,14 +71,25 @@ class FloorViews:
             place_std_m=height_m * trust.attitude_floor_rad,
         )
 
+    @property
+    def step_std_px(self) -> float:
+        """Standard deviation of the displacement between successive pictures, of most of them; infinite where
+        the filter does not tell the motion."""
+        found = self._filtered
+        if found is None:
+            return np.inf
+        assert self.flight.frames is not None
+        step_std_m = found.speed_std_m_s[1:] * np.diff(self.flight.frames.stamps_s)
+        return float(np.median(step_std_m * self.camera.focal_px[0] / found.w_T_b[1:, 2, 3]))
+
     @cached_property
     def _poses(self) -> Array:
         """(f, 4, 4) poses by the filter, or by readings of the tilt, heading and height above one place."""
-        return self._read() if self._filtered is None else self._filtered
+        return self._read() if self._filtered is None else self._filtered.w_T_b
 
     @cached_property
-    def _filtered(self) -> Array | None:
-        """Poses (f, 4, 4) by the filter; None where too little was recorded."""
+    def _filtered(self) -> _Filtered | None:
+        """The motion by the filter; None where too little was recorded."""
         from slam.inertial.motion import filter_motion
         from slam.inertial.noise_identification import identify_noise
 
@@ -85,7 +106,8 @@ class FloorViews:
         assert states is not None
         nearest = np.clip(np.cumsum(inside) - 1, 0, int(inside.sum()) - 1)
         found = np.asarray(states.w_T_b[nearest])
-        return found if (found[:, 2, 3] > 0).all() else None
+        of_speed = np.linalg.eigvalsh(states.motion_covariances[nearest, 3:5, 3:5])[:, -1]
+        return _Filtered(found, np.sqrt(of_speed)) if (found[:, 2, 3] > 0).all() else None
 
     def _read(self) -> Array:
         """Return poses (f, 4, 4) above the origin. What was not read is level, without a turn, or at the

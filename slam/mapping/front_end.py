@@ -15,7 +15,7 @@ from frontend.camera import Camera
 from frontend.features import Extractor, Features
 from frontend.keyframes import IsUrged, Tracker
 from frontend.loops import overlapping, propose_loops, verify
-from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation
+from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation, OtherMotion
 from frontend.opencv_features import FeatureUnavailableError
 from frontend.registration import Registration, overlap, refused, register
 from frontend.store import FeatureStore
@@ -61,7 +61,7 @@ class Observations:
     """Candidates that did not verify, and the ``contradicted`` ones."""
     frames: int
     rejected: Counter[str]
-    moving: int = 0
+    moving: Mapping[int, OtherMotion] = field(default_factory=dict)
     """Frames in which something moves otherwise than the floor."""
     frame_stamps_s: Array = field(default_factory=lambda: np.empty(0))
     """(f,) of all frames, on the clock of the instruments as far as it is known."""
@@ -73,6 +73,8 @@ class Observations:
     """Number of each frame that was not used -> reason."""
     contradicted: frozenset[tuple[int, int]] = frozenset()
     """Pairs (i, j) that verified, but that known poses or other pictures contradict."""
+    by_instruments: bool = False
+    """Whether instruments told tracking where to expect the floor."""
     contradicted_steps: tuple[ContradictedStep, ...] = ()
     """Steps of odometry that pairs of pictures contradict by one displacement."""
 
@@ -136,7 +138,8 @@ class FrontEnd:
         width = camera.size_px[0]
         self.flight, self.camera, self.config, self.progress = flight, camera, config, progress
         self.earlier, self.work = earlier or EarlierPass(), EarlierPass()
-        self.is_masked = masks is not no_masks
+        self.is_masked, self.by_instruments = masks is not no_masks, False
+        self.views = FloorViews(flight, camera, config)
         self.masks = joined(masks, horizon_masks(flight, camera))
         self.homography = config.homography.for_width(width)
         self.extractor = extractor_of(config, camera)
@@ -149,8 +152,13 @@ class FrontEnd:
         return Tracker(
             self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes,
             self.masks, self.earlier.features, look_ahead, is_urged,
-            FloorViews(self.flight, self.camera, self.config) if look_ahead else None,
+            self.views if look_ahead else None, self.by_instruments,
         )  # fmt: skip
+
+    def track_by_instruments(self) -> Observations:
+        """Go through the frames once more, and expect the floor where the instruments have it."""
+        self.by_instruments, self.earlier = True, self.work
+        return self.track()
 
     def track(self) -> Observations:
         """Go through the frames once: mask, track, gate, keyframe."""
@@ -158,7 +166,7 @@ class FrontEnd:
             tracked = TrackedPictures(self.tracker())
             self._search(tracked)
             return self.observations(tracked)
-        is_first = not self.is_masked and self.earlier.store is None
+        is_first = not (self.is_masked or self.by_instruments) and self.earlier.store is None
         used = self.checkpoints if is_first else NO_CHECKPOINTS
         checkpoints = TrackingCheckpoints(used, self.flight, (self.camera, self.config))
         tracked, start = checkpoints.resume(lambda: TrackedPictures(self.tracker()))
@@ -204,7 +212,8 @@ class FrontEnd:
             refused=tuple(tracked.refused),
             frames=tracker.frames,
             rejected=_with_reasons(tracker.rejected, failures),
-            moving=len(tracker.moving),
+            moving=dict(tracker.moving),
+            by_instruments=self.by_instruments,
             frame_stamps_s=frame_stamps_s,
             camera_stamps_s=frame_stamps_s,
             passed=tuple(tracker.passed),

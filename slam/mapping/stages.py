@@ -38,6 +38,7 @@ from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.contradicted_odometry import contradicted_step, without_step
 from slam.mapping.earlier_pass import EarlierPass
+from slam.mapping.floor_doubts import SIGMAS, floor_doubts
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.hidden_features import without_hidden
 from slam.mapping.inertial.fusion import fuse_parts
@@ -70,6 +71,7 @@ def track(
     front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier, masks, job.checkpoints)
     with job.timer("track"), large_blocks_kept():
         observations = front_end.observations(tracked) if tracked else front_end.track()
+        observations = _by_instruments_where_in_doubt(front_end, observations)
         recorded, found = flight, _tracked_clock(flight, job, observations)
         flight = on_one_clock(recorded, found)
         if flight.imu is not recorded.imu:
@@ -80,6 +82,16 @@ def track(
             observations = correct_rolling_shutter(observations, job.camera, flight.imu, front_end.register)
         _refuse_unless(len(observations.stamps_s) >= 2, flight, observations)
         return _with_neighbours(Context.of(flight, job, front_end, observations), observations, clock)
+
+
+def _by_instruments_where_in_doubt(front_end: FrontEnd, observations: Observations) -> Observations:
+    """Track the pictures again by the instruments, if only these tell the floor's motion."""
+    if front_end.flight.all_keyframes:
+        return observations
+    doubts = floor_doubts(observations, front_end)
+    if not doubts.are_open or SIGMAS * front_end.views.step_std_px > doubts.sure_px:
+        return observations
+    return front_end.track_by_instruments()
 
 
 def hide(context: Context, found: Obstacles) -> tuple[Context, Observations] | None:

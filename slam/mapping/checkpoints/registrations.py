@@ -9,11 +9,12 @@ from backend.measurements import LinkCheck, Rejection
 from frontend.camera import Camera
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
+from frontend.motions import OtherMotion
 from frontend.registration import Registration
 from slam.core.checkpoints import Checkpoints, recall_as
 from slam.core.packing import digest_of, pack
 
-PARTS = (Rejection, LinkCheck)
+PARTS = (Rejection, LinkCheck, OtherMotion)
 """Classes that a registration may hold."""
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from frontend.corner_track import CornerTrack
 from frontend.drift import Drift, DriftModel
 from frontend.features import Features
+from frontend.motions import OtherMotion
 from frontend.points import Points
 from frontend.registration import Registration
 from frontend.tracked import IntermediateFrame
@@ -49,7 +50,7 @@ class Stretch:
     dropped: dict[int, str]
     unreadable: dict[int, str]
     """Frames that could not be read, with the reason."""
-    moving: tuple[int, ...]
+    moving: dict[int, OtherMotion]
     rejected: dict[str, int]
     """Number of dropped frames by the reason, from the first frame on."""
     state: TrackingState | None
@@ -151,7 +152,7 @@ class TrackingCheckpoints:
         tracked.unreadable |= stretch.unreadable
         tracker.passed += stretch.passed
         tracker.dropped |= stretch.dropped
-        tracker.moving |= {*stretch.moving}
+        tracker.moving |= stretch.moving
         tracker.rejected = Counter(stretch.rejected)
         tracker.frames = stretch.end
         self._moving = {*tracker.moving}
@@ -162,6 +163,7 @@ class TrackingCheckpoints:
         tracker, done = tracked.tracker, self._done
         dropped = dict(list(tracker.dropped.items())[done.dropped :])
         unreadable = {k: why for k, why in self._frames.failures.items() if done.frame <= k < frame}
+        moving = {k: other for k, other in tracker.moving.items() if k not in self._moving}
         pictures = self._content(done.frame, frame, unreadable)
         if pictures is None:
             self._key = None
@@ -173,7 +175,7 @@ class TrackingCheckpoints:
             frame_index=tuple(tracked.frame_index[done.keyframes :]),
             links=tuple(tracked.links[done.keyframes :]), refused=tuple(tracked.refused[done.refused :]),
             passed=tuple(tracker.passed[done.passed :]), dropped=dropped, unreadable=unreadable,
-            moving=tuple(sorted(tracker.moving - self._moving)), rejected=dict(tracker.rejected), state=state,
+            moving=moving, rejected=dict(tracker.rejected), state=state,
         )  # fmt: skip
         self._checkpoints.keep("track", self._key, pack(stretch))
         self._key = digest_of(stretch)

@@ -30,6 +30,7 @@ from slam.mapping.calibration.clock_offset import (
 )
 from slam.mapping.calibration.picture_turns import disagreements_left
 from slam.mapping.context import Context
+from slam.mapping.floor_doubts import floor_doubts
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.obstacles import echoes_in_map, range_contradiction
@@ -37,6 +38,7 @@ from slam.mapping.warnings.accuracy_basis import Shares, scale_warning, vague_le
 from slam.mapping.warnings.contradicted_steps import contradicted_step_warnings
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.control_points import control_warnings
+from slam.mapping.warnings.floor_doubts import floor_doubt_messages
 from slam.mapping.warnings.gps_offset import offset_remarks
 from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
 from slam.mapping.warnings.lean import lean_warning
@@ -82,6 +84,7 @@ def messages(
     tilt, systematic = tilt_over_map(context.flight, map_), _systematic_warning(context, map_, shared)
     gravity = gravity_line(context, map_)
     reasons = _reasons(context, map_, not_placed, shared, systematic, tilt, shares)
+    doubts = floor_doubts(observations, context.front_end)
     return joined(
         *reasons,
         *flight.messages,
@@ -89,7 +92,8 @@ def messages(
         *missing_for_map(flight),
         *not_placed_warnings(not_placed),
         *lost_picture_warnings(flight, observations),
-        *_moving(observations, shared),
+        *floor_doubt_messages(doubts, map_),
+        *(_moving(observations, shared) if doubts.is_floor_known else ()),
         _tilt_warning(map_, tilt),
         mount_warning(mount, flight.camera_file),
         clock_warning(map_.clock, context.clock),
@@ -217,9 +221,9 @@ def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
 
 def _moving(observations: Observations, shared: SystematicErrors | None) -> list[Message]:
     """Report objects that move by themselves, if there are more than by chance."""
-    if observations.moving <= NOTABLE_SHARE * observations.frames:
+    if len(observations.moving) <= NOTABLE_SHARE * observations.frames:
         return []
-    pictures = f"in {observations.moving} of {observations.frames} pictures"
+    pictures = f"in {len(observations.moving)} of {observations.frames} pictures"
     if shared is not None and is_outside_covariances(shared) and "radial" in shared.coefficients:
         return [
             Message(

@@ -1,0 +1,52 @@
+"""The messages about a floor that repeats and about two motions in the pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam.core.messages import Message, as_note, as_reason
+from slam.mapping.floor_doubts import LIKELY_WRONG, FloorDoubts, RepeatingFloor, TwoMotions
+from slam.mapping.map import Map
+
+TOLD = 0.05
+"""Expected number of wrong copies from which on a user has to know of them."""
+
+
+def floor_doubt_messages(doubts: FloorDoubts, map_: Map) -> list[Message]:
+    """Return a message about each doubt."""
+    repeating, both = doubts.repeating, doubts.two_motions
+    lines = [_of_repeating(repeating, map_)] if repeating else []
+    return [*lines, *([_of_two(both, map_)] if both else [])]
+
+
+def _of_repeating(found: RepeatingFloor, map_: Map) -> Message:
+    observations = map_.observations
+    scale = map_.height_m[found.keyframes] / map_.camera.focal_px[0]
+    period = float(np.nanmedian(found.period_px * scale))
+    unit = "m" if map_.metric else "mean heights"
+    fact = (
+        f"the floor repeats every {period:.2g} {unit} in {len(found.keyframes)} of {found.looked_at} "
+        "keyframes that were searched for it"
+    )
+    by = "the instruments" if observations.by_instruments else "the motion from picture to picture"
+    if found.wrong < TOLD:
+        return as_note(f"{fact}; {by} told which copy each picture shows")
+    line = Message(
+        f"{fact}, and {by} may have led to a wrong copy ({found.wrong:.1g} expected): the pictures then "
+        f"agree with each other on a wrong motion; take pictures so often that the vehicle moves by less "
+        f"than {period / 4:.2g} {unit} between two, record velocity0 with attitude0 and sonar0, or lay out "
+        "marks"
+    )
+    return as_reason(line) if found.wrong >= LIKELY_WRONG else line
+
+
+def _of_two(found: TwoMotions, map_: Map) -> Message:
+    observations = map_.observations
+    begin_s, end_s = observations.camera_stamps_s[found.frames[[0, -1]]]
+    by = " and the instruments agree with neither" if observations.by_instruments else ""
+    return as_reason(
+        f"two motions were seen in {len(found.frames)} of {observations.frames} pictures from "
+        f"{begin_s:.1f} to {end_s:.1f} s{by}: the map follows one of them, the other one covers "
+        f"{100 * found.share:.0f} % of what moves, and either may be the floor; look at the mosaic: where it "
+        "shows what moved, record velocity0 with attitude0 and sonar0, or leave these pictures out"
+    )
