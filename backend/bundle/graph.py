@@ -103,6 +103,11 @@ class NoiseLevels:
     inertial: InertialNoiseFactors = NOMINAL_INERTIAL_NOISE
     reported: ReportedNoise = NO_REPORTED_NOISE
 
+    @property
+    def height_prior(self) -> float:
+        """Standard deviation of the prior on the height of a point on the ground, over the mean height."""
+        return self.relief * self.relief_inflation
+
 
 @dataclass(frozen=True)
 class ScalePrior:

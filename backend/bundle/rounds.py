@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.checkpoints import minimum_of
-from backend.bundle.factors import SLOPE
+from backend.bundle.factors import LOG_SCALE, SLOPE
 from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables, start_calibration
 from backend.bundle.inertial.graph import without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise
@@ -57,6 +57,7 @@ def solve_rounds(
     settled = False
     of_any_slope: int | None = None  # the round with a prior that any slope fits,
     of_any_height: int | None = None  # and that with one that any height of a point fits
+    of_waves = False  # whether a round has begun with the waves of the ground
     for number in range(config.rounds):
         if number == 1 and is_uncertain(camera) and len(used) and not problem.self_calibrates:
             # Only now, as the lens is less certain than the poses of a poor initial guess.
@@ -89,6 +90,9 @@ def solve_rounds(
         elif of_any_height is None and (number > 0 or not is_uncertain(camera)):
             high = noise.structure if found.raised.any() else noise.relief
             of_any_height = number + 1 if high > _FAR * before.relief else None
+        if not of_waves and (number > 0 or not is_uncertain(camera)):
+            of_waves = noise.height_prior > _FAR * before.height_prior
+            noise = _over_waves(first, noise, at) if of_waves else noise
         noise = replace(noise, slope_rad=slope_rad)
         if number == 0:
             # Once, because levels of a grid would keep the rounds from settling.
@@ -100,7 +104,7 @@ def solve_rounds(
         if of_any_height == number + 1:
             # The same of the relief. Structure has drawn the poses along until now.
             narrow, settled = (problem, at, noise, used), False
-            used, noise = every, replace(_anew(first, noise), relief=high)
+            used, noise = every, _over_waves(first, replace(noise, relief=high), at)
             problem = replace(problem, raised=None)
         elif of_any_height == number and not found.raised.any():
             # No structure: without a plane, an error of the lens may bend the map to any shape.
@@ -111,6 +115,22 @@ def solve_rounds(
 def _anew(first: NoiseLevels, noise: NoiseLevels) -> NoiseLevels:
     """Return the noise of the start, with what is estimated of inertial and reported motion and the slope."""
     return replace(first, inertial=noise.inertial, reported=noise.reported, slope_rad=noise.slope_rad)
+
+
+def _over_waves(first: NoiseLevels, noise: NoiseLevels, at: Variables) -> NoiseLevels:
+    """Return the noise of the start, over ground that rises and falls as it was found to.
+
+    What ground that was too flat does not explain is no noise of the attitude yet. A range is that of the
+    ground below, which is off the level of the floor by its relief.
+    """
+    relief_m = noise.relief * float(np.exp(at.values.atVector(WORLD)[LOG_SCALE]))
+    return replace(
+        _anew(first, noise),
+        range_m=float(np.hypot(first.range_m, relief_m)),
+        relief=noise.relief,
+        relief_inflation=noise.relief_inflation,
+        structure=noise.structure,
+    )
 
 
 def _slope_std_rad(problem: BundleProblem, at: Variables) -> float:

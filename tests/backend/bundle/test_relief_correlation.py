@@ -67,6 +67,15 @@ def test_points_on_a_line_or_none_count_each():
         assert design_effect(np.zeros((count, 2)), np.ones(count), np.zeros(count), RELIEF) == 1.0
 
 
+@pytest.mark.parametrize("seed", [2, 3])
+def test_waves_are_no_noise_of_the_attitude(seed: int):
+    """Ground that counts as flat at first tilts the map, which the attitude then seems to contradict."""
+    made = make(replace(SONAR, rolling=0.04, wavelengths=(2.5, 4.0), points_in_view=100), seed)
+    found = refine(made.measurements, made.start, made.floor_z_m)
+    assert found.noise.roll_pitch_rad == pytest.approx(SONAR.attitude_std_rad, rel=0.3)
+    assert errors_squared(made, found).mean() < 8
+
+
 def test_crests_of_waves_are_no_structure():
     """One or two waves have heights of any distribution. As structure they gave squared errors of 193."""
     made = make(replace(SONAR, rolling=0.04, wavelengths=(2.0, 3.0), points_in_view=150, keyframes=24), 5)
