@@ -23,6 +23,15 @@ def product(p: Array, q: Array) -> Array:
     )
 
 
+def composed(turns: Array) -> Array:
+    """Return the attitudes (k + 1, 4) before, between and after turns (k, 4) about own axes, from no turn."""
+    reach, attitude = 1, np.concatenate([[[0.0, 0.0, 0.0, 1.0]], turns])
+    while reach < len(attitude):  # a prefix product in log2(k) passes
+        attitude[reach:] = product(attitude[:-reach], attitude[reach:])
+        reach *= 2
+    return attitude
+
+
 def inverse(q: Array) -> Array:
     """Return the quaternions (..., 4) of the opposite turns."""
     return q * [-1.0, -1.0, -1.0, 1.0]

@@ -232,11 +232,7 @@ class _GyroAttitude:
     def of(readings: InertialReadings) -> _GyroAttitude:
         rate = 0.5 * (readings.gyro_rad_s[1:] + readings.gyro_rad_s[:-1])
         turns = Rotation.from_rotvec(rate * np.diff(readings.stamps_s)[:, None]).as_quat()
-        reach, composed = 1, np.concatenate([[[0.0, 0.0, 0.0, 1.0]], turns])
-        while reach < len(readings.stamps_s):  # a prefix product in log2(k) passes
-            composed[reach:] = quaternions.product(composed[:-reach], composed[reach:])
-            reach *= 2
-        return _GyroAttitude(readings.stamps_s, rate, composed)
+        return _GyroAttitude(readings.stamps_s, rate, quaternions.composed(turns))
 
     def at(self, at_s: Array) -> Array:
         """Return the quaternions (..., 4) at stamps (...)."""

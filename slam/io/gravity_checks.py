@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import GRAVITY_M_S2
+from backend.quaternions import composed
 from slam.core.streams import Imu, Truth
 from slam.io.files import refusal
 
@@ -115,16 +116,7 @@ def _remaining_gravity(imu: Imu, factor: float) -> tuple[float, float]:
         if len(rows) < 2 or stamps_s[rows[-1]] - stamps_s[rows[0]] < _SHORTEST_S:
             continue
         steps = factor * gyro[rows[:-1]] * np.diff(stamps_s[rows])[:, None]
-        by_gyro = _composed(Rotation.from_rotvec(steps))
+        by_gyro = Rotation.from_quat(composed(Rotation.from_rotvec(steps).as_quat()))
         sizes.append(float(np.linalg.norm(by_gyro.apply(force[rows]).mean(axis=0))))
         lasts_s.append(float(stamps_s[rows[-1]] - stamps_s[rows[0]]))
     return (float(np.average(sizes, weights=lasts_s)), sum(lasts_s)) if sizes else (0.0, 0.0)
-
-
-def _composed(turns: Rotation) -> Rotation:
-    """Return the attitudes (k + 1,) after each of (k,) turns, from the identity on."""
-    reach, composed = 1, Rotation.concatenate([Rotation.identity(1), turns])
-    while reach < len(composed):  # a prefix product in log2(k) passes
-        composed = Rotation.concatenate([composed[:reach], composed[:-reach] * composed[reach:]])
-        reach *= 2
-    return composed

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from backend import quaternions
@@ -16,3 +17,13 @@ def test_vectors_of_no_turn_and_of_turns_beyond_half():
     q = Rotation.from_rotvec(v).as_quat()
     for sign in (1, -1):
         np.testing.assert_allclose(quaternions.rotation_vectors(sign * q), v, rtol=1e-7)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 100])
+def test_composed_turns_are_those_taken_one_after_the_other(count):
+    turns = Rotation.from_rotvec(0.1 * np.random.default_rng(2).normal(size=(count, 3)))
+    attitude = [Rotation.identity()]
+    for k in range(count):
+        attitude.append(attitude[-1] * turns[k])
+    expected = np.array([each.as_quat() for each in attitude])
+    np.testing.assert_allclose(quaternions.composed(turns.as_quat().reshape(-1, 4)), expected, atol=1e-14)
