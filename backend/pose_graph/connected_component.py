@@ -24,7 +24,8 @@ from backend.pose_graph.marginals import MAX_VARIANCE, posterior
 from backend.pose_graph.observability import unobserved
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.own_noise import own_noise
-from backend.pose_graph.selection.rejection import has_loops_on_odometry, reasons, reject_outliers
+from backend.pose_graph.selection.reasons import reasons
+from backend.pose_graph.selection.rejection import has_loops_on_odometry, reject_outliers
 from backend.pose_graph.selection.rival_loops import rival_loops, rivals_sentence
 from backend.pose_graph.unary_factors import fixed, jacobian
 from backend.quantiles import chi_square_limit

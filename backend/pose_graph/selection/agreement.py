@@ -41,7 +41,7 @@ Sampler = Callable[[Mask, Array], Array | None]
 """Function from kept edges and poses to posterior samples; None if singular or out of time."""
 
 _ROUNDS = 400
-"""Maximum number of rounds: at most 60 000 loops. The status says if it cuts the growth off."""
+"""Maximum number of rounds. The status says if it cuts the growth off."""
 MAX_HYPOTHESES = 300
 _PRIOR_ODDS_FACTOR = 0.05
 """Factor on the prior odds of a loop: see `log_odds`."""
@@ -217,10 +217,11 @@ def _select_loops(pending: LoopInnovations, chance: Array, place: Index, odds: f
     agrees = pending.agrees()
     if not agrees.any():
         return pending.edges[:0]
-    open_ = np.flatnonzero(agrees)
-    open_ = open_[np.argsort(chance[open_])][:MAX_HYPOTHESES]
+    order = np.argsort(chance)
+    open_ = order[agrees[order]][:MAX_HYPOTHESES]
     votes = _count_votes(pending, open_, place[open_], chance[open_])
-    eligible = sharp_agreements(chance, agrees, place)[open_]
+    sharp = sharp_agreements(chance, agrees, place)
+    eligible = sharp[open_]
     if not eligible.any():
         eligible = _supported(votes, -odds)
     # The better half first: the others are then judged by sharper predictions.
@@ -229,7 +230,9 @@ def _select_loops(pending: LoopInnovations, chance: Array, place: Index, odds: f
     for h in ranked[: (len(ranked) + 1) // 2]:
         if votes.fits[accepted, h].all() and votes.fits[h, accepted].all():
             accepted.append(h)
-    return pending.edges[open_[accepted]]
+    # A half of all sharp ones, without votes, or the rounds would grow in number with the map.
+    beyond = order[sharp[order]][MAX_HYPOTHESES:]
+    return pending.edges[np.append(open_[accepted], beyond[: len(beyond) // 2])]
 
 
 def _supported(votes: _Votes, least: float) -> Mask:

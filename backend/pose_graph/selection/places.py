@@ -27,9 +27,7 @@ def place_pairs(i: Index, j: Index, length: int | None = None) -> Index:
     single place.
     """
     ends = np.column_stack([np.minimum(i, j), np.maximum(i, j)])
-    pairs = np.array(sorted(cKDTree(ends).query_pairs(_PLACE_RADIUS, p=np.inf)), dtype=np.int64).reshape(
-        -1, 2
-    )
+    pairs = cKDTree(ends).query_pairs(_PLACE_RADIUS, p=np.inf, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(i), len(i)))
     label = np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
     if length is None or len(label) == 0:

@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from backend import se3
 from backend.errors import BackendError
-from backend.measurements import LinkCheck, Misfit, Rejection
 from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, GraphFit, least_squares_fit
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.agreement import recheck_rejected, tail_inflation
+from backend.pose_graph.selection.agreement import MAX_HYPOTHESES, recheck_rejected, tail_inflation
 from backend.pose_graph.selection.all_edges import loses_most_loops, lowest_fit, one_factor_explains
 from backend.pose_graph.selection.chains import chain_members, connected
 from backend.pose_graph.selection.doubts import agreement_is_lost, doubtful_odometry, odometry_dispute
@@ -24,6 +22,7 @@ from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometr
 from backend.pose_graph.selection.own_noise import are_selective
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import noise_scale, sample_posterior
+from backend.pose_graph.selection.reweighted import reweighted_fit
 from backend.pose_graph.selection.selected import Selection
 from backend.pose_graph.selection.step_support import may_be_wrong
 from backend.pose_graph.selection.swap import swap_loops
@@ -34,8 +33,11 @@ Index = NDArray[np.int64]
 
 _ROUNDS = 7
 """Largest number of judgements of a selection: each but the last drops edges or takes some back."""
-_MANY_LOOPS = 5000
-"""Loops beyond which the growth from odometry takes many minutes: a round accepts at most 150 of them."""
+_MANY_LOOPS = MAX_HYPOTHESES
+"""Loops beyond which a few false ones are looked for first: the growth from odometry takes many rounds."""
+_FEW = 0.1
+"""Largest share of rejected edges among loops that are a few. Among more, false loops may outvote true ones:
+the growth trusts none at first."""
 
 
 def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None, noise: float) -> Selection:
@@ -69,9 +71,8 @@ def _selected(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection
     """Select the consistent edges at the stated noise."""
     problem, trusted = gauge_fixed.problem, gauge_fixed.problem.trusted
     if fit is not None and not fit.test.passed and np.count_nonzero(~trusted) > _MANY_LOOPS:
-        # A few false loops among many stand out of the fit of all edges.
-        few = _refit(gauge_fixed, np.ones_like(trusted), fit.w_T, ~trusted)
-        if few.fit.test.passed:
+        few = _without_few(gauge_fixed, fit)
+        if few is not None:
             return few
     found = None
     if fit is None or has_loops_on_odometry(problem):
@@ -85,6 +86,20 @@ def _selected(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection
     if found is None or _is_more_probable(gauge_fixed, other, found):
         return other
     return found
+
+
+def _without_few(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> Selection | None:
+    """Return all edges but a few that stand out of a fit in which those far off lose their weight.
+
+    The result is None where the others contradict each other too, or where these are more than a few.
+    """
+    problem = gauge_fixed.problem
+    loops, found = ~problem.trusted, reweighted_fit(gauge_fixed, fit.w_T)
+    for candidate in (loops, np.ones_like(loops)):
+        few = _refit(gauge_fixed, ~candidate | found.agreeing, found.w_T, candidate)
+        if few.fit.test.passed and np.count_nonzero(~few.kept) <= _FEW * np.count_nonzero(loops):
+            return few
+    return None
 
 
 def _select(gauge_fixed: GaugeFixedProblem) -> Selection:
@@ -314,29 +329,3 @@ def _misfits(problem: Problem, found: Selection, candidate: Mask) -> Mask:
         return np.zeros_like(candidate)
     scale = max(1.0, noise_scale(problem, found.kept, found.fit.w_T))
     return np.asarray(found.kept & candidate & (found.innovation_sigma > _edge_limit(problem) * scale))
-
-
-def reasons(
-    problem: Problem, kept: Mask, w_T: Array, sigma: Array, noise: float
-) -> tuple[Rejection | None, ...]:
-    """Return why each rejected edge was: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``.
-
-    The result is (m,), None for the ``kept`` edges; ``sigma`` (m,) holds the innovations, in
-    deviations of ``noise`` times the stated ones. Where these are others, the reason says so.
-    """
-    whose = "" if noise == 1 else f"each {noise:.2g} of a stated one, as the loops show"
-    rejected, limit = np.flatnonzero(~kept), _edge_limit(problem)
-    i, j = problem.i[rejected], problem.j[rejected]
-    off = se3.log(se3.inverse(problem.ij_T[rejected]) @ se3.inverse(w_T[i]) @ w_T[j])
-    lengths, degrees = np.linalg.norm(off[:, 3:], axis=1), np.degrees(np.linalg.norm(off[:, :3], axis=1))
-    found = list[Rejection | None]([None] * len(kept))
-    for e, length, angle in zip(rejected.tolist(), lengths.tolist(), degrees.tolist(), strict=True):
-        if sigma[e] <= limit:
-            found[e] = Rejection(LinkCheck.KNOWN_PLACE, f"{sigma[e]:.1f} sigma{f' ({whose})' * bool(whose)}")
-        else:
-            found[e] = Rejection(
-                LinkCheck.GRAPH,
-                f"{sigma[e]:.1f} sigma ({f'{whose}; ' * bool(whose)}limit {limit:.1f}): "
-                f"{Misfit(length, problem.length_unit, angle)}",
-            )
-    return tuple(found)

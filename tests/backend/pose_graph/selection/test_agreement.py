@@ -8,7 +8,7 @@ from backend import se3
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.selection import agreement, rejection
-from backend.pose_graph.selection.prediction import sample_posterior
+from backend.pose_graph.selection.prediction import LoopInnovations, sample_posterior
 from backend.pose_graph.solve import solve, solve_pose_graph
 from tests.backend.synthetic import LOOP_STD, Made, falsified, flight, graph
 from tests.benchmarks.false_loops import KINDS, SEEDS, cases_of
@@ -109,6 +109,18 @@ def test_a_growth_without_anything_left_to_judge_is_complete():
     )
     assert grown.is_complete
     assert grown.kept.all()
+
+
+@pytest.mark.parametrize("count", [40, 2000])
+def test_each_round_takes_half_of_the_sharp_loops_however_many(count: int):
+    """Rounds of a fixed number of loops would grow in number with the map, and each of them in time."""
+    rng = np.random.default_rng(0)
+    spread = 0.1 * rng.normal(size=(count, 3, 20))
+    pending = LoopInnovations(np.arange(count), rng.normal(size=(count, 3)), spread, np.full(count, 20.0))
+    agreeing = np.count_nonzero(pending.agrees())
+    chosen = agreement._select_loops(pending, pending.log_pass_probability(), np.arange(count), odds=-3.0)
+    assert len(np.unique(chosen)) == len(chosen) == pytest.approx(agreeing / 2, rel=0.05)
+    assert pending.agrees()[chosen].all()
 
 
 def test_a_growth_that_is_cut_off_is_in_the_status(monkeypatch):

@@ -10,7 +10,8 @@ import numpy as np
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, GraphFit, Options
 from backend.pose_graph.problem import from_pose_graph
-from backend.pose_graph.selection.rejection import _refit, reasons, thinned
+from backend.pose_graph.selection.reasons import reasons
+from backend.pose_graph.selection.rejection import _refit, thinned
 from backend.pose_graph.selection.selected import Selection
 from backend.pose_graph.unary_factors import fixed
 from tests.backend.synthetic import flight
