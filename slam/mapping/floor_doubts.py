@@ -98,14 +98,21 @@ class FloorDoubts:
 
 
 def floor_doubts(observations: Observations, front_end: FrontEnd) -> FloorDoubts:
-    """Return what the pictures leave open."""
+    """Return what the pictures leave open.
+
+    Photographs are registered without a prediction. A second motion is not searched in them: over the height
+    differences of oblique ones, ground moves in many directions.
+    """
     camera, told = front_end.camera, front_end.views if observations.by_instruments else None
-    steps = list(_steps(observations, camera, told))
+    are_photographs = front_end.flight.all_keyframes
+    steps = list(_steps(observations, camera, told, not are_photographs))
     found = _repetitions(observations, camera, front_end.config.gates.min_inliers)
     repeating = {k: one for k, one in found.items() if one is not None}
     if len(repeating) > max(1.0, _REPEATING_SHARE * len(found)):
         floor = _repeating(repeating, len(found), steps)
         return FloorDoubts(floor, None, 0.5 * float(np.median(floor.period_px)))
+    if are_photographs:
+        return FloorDoubts()
     both = _two_motions(observations, front_end, steps, told is not None)
     return FloorDoubts(None, both, KNOWN_MOTION_WIDTHS * camera.size_px[0])
 
@@ -119,8 +126,13 @@ class _Step(NamedTuple):
     is_predicted: bool
 
 
-def _steps(observations: Observations, camera: Camera, told: FloorHomography | None) -> Iterator[_Step]:
-    """Yield the steps from each registered frame to the next, in the picture of a keyframe."""
+def _steps(
+    observations: Observations, camera: Camera, told: FloorHomography | None, continues: bool
+) -> Iterator[_Step]:
+    """Yield the steps from each registered frame to the next, in the picture of a keyframe.
+
+    ``continues``: whether each step was expected to go on as the one before, where no instrument told it.
+    """
     stamps_s, middle = observations.frame_stamps_s, 0.5 * np.array([camera.size_px], dtype=np.float64)
     before: tuple[Array, float] | None = None
     for k, frames in enumerate(observations.registered()):
@@ -137,7 +149,7 @@ def _steps(observations: Observations, camera: Camera, told: FloorHomography | N
             if told is not None:
                 step = np.linalg.inv(told(here.frame)) @ told(there.frame)
                 expected = transfer(here.i_H_j @ step, middle)
-            elif before is not None and now_s > before[1]:
+            elif continues and before is not None and now_s > before[1]:
                 expected = at + (at - before[0]) * (next_s - now_s) / (now_s - before[1])
             else:
                 expected = None

@@ -70,8 +70,7 @@ def track(
     """
     front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier, masks, job.checkpoints)
     with job.timer("track"), large_blocks_kept():
-        observations = front_end.observations(tracked) if tracked else front_end.track()
-        observations = _by_instruments_where_in_doubt(front_end, observations)
+        observations = front_end.observations(tracked) if tracked else _tracked(front_end)
         recorded, found = flight, _tracked_clock(flight, job, observations)
         flight = on_one_clock(recorded, found)
         if flight.imu is not recorded.imu:
@@ -84,8 +83,12 @@ def track(
         return _with_neighbours(Context.of(flight, job, front_end, observations), observations, clock)
 
 
-def _by_instruments_where_in_doubt(front_end: FrontEnd, observations: Observations) -> Observations:
-    """Track the pictures again by the instruments, if only these tell the floor's motion."""
+def _tracked(front_end: FrontEnd) -> Observations:
+    """Track the pictures, and again by the instruments if only these tell the floor's motion.
+
+    Pictures that came in flight are not tracked again: not all of them may be there any more.
+    """
+    observations = front_end.track()
     if front_end.flight.all_keyframes:
         return observations
     doubts = floor_doubts(observations, front_end)

@@ -5,21 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from slam.core.messages import Message, as_note, as_reason
-from slam.mapping.floor_doubts import LIKELY_WRONG, FloorDoubts, RepeatingFloor, TwoMotions
+from slam.core.streams import Gps
+from slam.mapping.floor_doubts import LIKELY_WRONG, SIGMAS, FloorDoubts, RepeatingFloor, TwoMotions
 from slam.mapping.map import Map
 
 TOLD = 0.05
 """Expected number of wrong copies from which on a user has to know of them."""
 
 
-def floor_doubt_messages(doubts: FloorDoubts, map_: Map) -> list[Message]:
+def floor_doubt_messages(doubts: FloorDoubts, map_: Map, gps: Gps | None) -> list[Message]:
     """Return a message about each doubt."""
     repeating, both = doubts.repeating, doubts.two_motions
-    lines = [_of_repeating(repeating, map_)] if repeating else []
+    lines = [_of_repeating(repeating, map_, gps)] if repeating else []
     return [*lines, *([_of_two(both, map_)] if both else [])]
 
 
-def _of_repeating(found: RepeatingFloor, map_: Map) -> Message:
+def _of_repeating(found: RepeatingFloor, map_: Map, gps: Gps | None) -> Message:
     observations = map_.observations
     scale = map_.height_m[found.keyframes] / map_.camera.focal_px[0]
     period = float(np.nanmedian(found.period_px * scale))
@@ -29,6 +30,9 @@ def _of_repeating(found: RepeatingFloor, map_: Map) -> Message:
         "keyframes that were searched for it"
     )
     by = "the instruments" if observations.by_instruments else "the motion from picture to picture"
+    if gps is not None and map_.georeferenced and SIGMAS * max(gps.noise_std_m[:2]) < 0.5 * period:
+        # Fixes that contradict the pictures have a warning of their own.
+        return as_note(f"{fact}; the positions told which copy each picture shows")
     if found.wrong < TOLD:
         return as_note(f"{fact}; {by} told which copy each picture shows")
     line = Message(

@@ -92,7 +92,7 @@ def messages(
         *missing_for_map(flight),
         *not_placed_warnings(not_placed),
         *lost_picture_warnings(flight, observations),
-        *floor_doubt_messages(doubts, map_),
+        *floor_doubt_messages(doubts, map_, flight.gps),
         *(_moving(observations, shared) if doubts.is_floor_known else ()),
         _tilt_warning(map_, tilt),
         mount_warning(mount, flight.camera_file),

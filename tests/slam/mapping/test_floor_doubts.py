@@ -43,7 +43,12 @@ def seen(ground: np.ndarray, at: Sequence[float]) -> np.ndarray:
 
 
 def doubts(
-    ground: np.ndarray, place: Place, beside: Place | None = None, share: float = 0.5, count: int = 11
+    ground: np.ndarray,
+    place: Place,
+    beside: Place | None = None,
+    share: float = 0.5,
+    count: int = 11,
+    are_photographs: bool = False,
 ) -> FloorDoubts:
     """Track pictures of a floor, of which another one covers a ``share`` that lies ``beside``."""
     rng, other = np.random.default_rng(1), floor(9)
@@ -57,7 +62,12 @@ def doubts(
         return np.clip(noisy, 0, 255).astype(np.uint8)
 
     frames = Frames(0.5 * np.arange(count), tuple(f"{k}.png" for k in range(count)), load)
-    front_end = FrontEnd(Flight("made", camera=CAMERA, frames=frames), CAMERA, PipelineConfig(), silent)
+    front_end = FrontEnd(
+        Flight("made", camera=CAMERA, frames=frames, all_keyframes=are_photographs),
+        CAMERA,
+        PipelineConfig(),
+        silent,
+    )
     return floor_doubts(front_end.track(), front_end)
 
 
@@ -97,3 +107,8 @@ def test_a_large_thing_that_moves_by_itself_may_be_the_floor(share):
 @pytest.mark.parametrize("beside", [lambda k: (200, 50), lambda k: 1.25 * np.array(to_and_fro(k))])
 def test_what_is_fixed_to_the_camera_and_ground_at_another_height_belong(beside):
     assert doubts(floor(2), to_and_fro, beside, 0.4).is_floor_known
+
+
+def test_photographs_have_no_prediction_so_that_even_short_steps_add_up():
+    found = doubts(floor(2, PERIOD), onward(4), are_photographs=True)
+    assert found.repeating.wrong > 0.5
