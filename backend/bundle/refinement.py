@@ -60,6 +60,7 @@ from backend.bundle.reported.graph import ReportedPart
 from backend.bundle.rolling_shutter import (
     ReadoutEstimate,
     freed_readout,
+    is_rolling,
     readout_estimate,
     readout_test,
     row_motion_m,
@@ -178,7 +179,9 @@ def refine(
     fisheye = fisheye_by_evidence(solved.optimum, solved.minimum.error, at.values)
     solved = _solved_again(solved, fisheye, at.values, on_step)
     shutter = readout_test(solved.optimum)
-    solved = _solved_again(solved, freed_readout(solved.optimum, shutter), at.values, on_step)
+    rolling = _solved_again(solved, freed_readout(solved.optimum, shutter), at.values, on_step)
+    if rolling is not solved and is_rolling(found := readout_test(rolling.optimum)):
+        solved, shutter = rolling, found
     return _result(solved, readout_estimate(solved.optimum, shutter))
 
 

@@ -27,15 +27,23 @@ from backend.bundle.exposure_motion import PRIOR_STD_S, READOUT, ExposureMotion
 from backend.bundle.factors import LOG_SCALE, SLOPE, rotation_of
 from backend.bundle.graph import WORLD, BundleProblem, Variables
 from backend.bundle.lens_evidence import design_effect
-from backend.bundle.minimise import BundleOptimum
+from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import linearise
-from backend.measurements.straight_flight import straight_velocities
+from backend.errors import BackendError
+from backend.measurements.straight_flight import continued_velocities, straight_velocities
 from backend.significance import VERY_STRONG_NATS
 from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
 
+_DOUBT = 100.0
+"""Factor on the noise of pictures of unknown motion where they must not tell the read-out time: all points of
+such a picture together then tell no more than one of another."""
+_FIRST_FITS = 3
+"""Fits of the velocities of pictures of unknown motion, before they count as the others do."""
+_ITERATIONS, _TOLERANCE = 30, 1e-3
+"""Limits of these fits: as of the rounds before the last."""
 _SETTLED = 0.05
 """Change of corrected pixels over their noise, in the mean of squares, below which the rounds may end: each
 round halves what is left of the velocities that pictures show themselves."""
@@ -59,15 +67,17 @@ class ReadoutEstimate:
 
 @dataclass(frozen=True)
 class ReadoutTest:
-    """Evidence of a rolling shutter in a map that was made without one."""
+    """Evidence of a rolling shutter."""
 
     readout_s: float
     std_s: float
-    effect: float
-    """Factor on the variance of the read-out time, as residuals of one picture are dependent."""
-    log_evidence: float
-    """Logarithm of the ratio of the marginal likelihoods with and without a read-out time."""
+    """Residuals of one picture are dependent, which counts."""
     motion: ExposureMotion
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the ratio of the marginal likelihoods with and without a read-out time."""
+        return float(0.5 * (self.readout_s / self.std_s) ** 2 - np.log(PRIOR_STD_S / self.std_s))
 
 
 def with_stated_readout(problem: BundleProblem, at: Variables) -> BundleProblem:
@@ -95,47 +105,90 @@ def corrected_rows(problem: BundleProblem, at: Variables) -> tuple[BundleProblem
 
 
 def readout_test(optimum: BundleOptimum) -> ReadoutTest | None:
-    """Return the evidence of a rolling shutter; None where its read-out time is stated, no picture is known
-    to move, or the flight leaves a direction open."""
+    """Return the evidence of a rolling shutter at the noise of a map; None where its read-out time is stated,
+    no picture is known to move, or the flight leaves a direction open.
+
+    The map was made for a global shutter, or with the read-out time as a variable.
+    """
     problem = optimum.problem
-    if problem.measurements.exposure is None or problem.exposure_motion is not None:
+    motion, at = problem.exposure_motion, optimum.at
+    if problem.measurements.exposure is None or (motion is not None and not motion.is_free):
         return None
-    motion = _exposure_motion(problem, optimum.at, 0.0, is_free=True)
-    seen = optimum.cost.observations
-    if not motion.f_v.any() or not len(seen.number):
-        return None
-    linear = optimum.linearise()
+    if motion is None:
+        motion = _exposure_motion(problem, at, 0.0, is_free=True)
+        if not motion.is_told.any():
+            return None
+        problem, at = _with_free_readout(problem, at, motion)
+    cost = _doubting_cost(problem, optimum, at)
+    doubted = replace(optimum, cost=cost, at=at, structure=cost.structure(at))
+    linear = doubted.linearise()
     try:
         reduced = linear.eliminate()
     except SingularMatrixError:
         return None
-    jacobian, residuals = linear.jacobian()
-    by_readout = motion.per_second(seen.keyframe, motion.recorded_px[seen.number])
-    column = np.zeros(len(residuals))
-    column[: 2 * len(seen.number)] = -(linear.seen.of_point @ by_readout[:, :, None]).ravel()
-    # What the other variables do not follow of it.
-    shared = np.asarray(jacobian.T @ column)
-    followed = reduced.solve(shared[: reduced.size], shared[reduced.size :])
-    influence = column - jacobian @ np.concatenate(followed)
-    effect = design_effect(optimum, influence, residuals)
-    information, gradient = float(influence @ influence) / effect, float(influence @ residuals) / effect
-    precision = information + PRIOR_STD_S**-2.0
-    gain = 0.5 * gradient**2 / precision - 0.5 * np.log(precision * PRIOR_STD_S**2)
-    return ReadoutTest(gradient / precision, precision**-0.5, effect, float(gain), motion)
+    (jacobian, residuals), columns = linear.jacobian(), reduced.structure.columns(READOUT)
+    step, _ = reduced.solve(*linear.gradient)
+    unit = np.zeros((reduced.size, 1))
+    unit[columns] = 1.0
+    change = reduced.solve(unit, np.zeros((jacobian.shape[1] - reduced.size, 1)))
+    effect = design_effect(doubted, np.asarray(jacobian @ np.vstack(change))[:, 0], residuals)
+    found = motion.readout_s + Cameras.of(problem, at.values).readout_s + float(step[columns][0])
+    # The prior is no residual of the pictures.
+    precision = (1.0 / float(change[0][columns][0, 0]) - PRIOR_STD_S**-2.0) / effect
+    told = found * (precision + PRIOR_STD_S**-2.0 / effect) / (precision + PRIOR_STD_S**-2.0)
+    return ReadoutTest(told, (precision + PRIOR_STD_S**-2.0) ** -0.5, motion)
+
+
+def _doubting_cost(problem: BundleProblem, optimum: BundleOptimum, at: Variables) -> BundleCost:
+    """Return the cost in which pictures of unknown motion hardly count.
+
+    They are bent alike, or not: taken as they are, they would tell that the others are not bent.
+    """
+    cost = BundleCost.of(problem, optimum.noise, optimum.used, at.values)
+    seen, motion = cost.observations, problem.exposure_motion
+    assert motion is not None
+    doubt = np.where(motion.is_told[seen.keyframe], 1.0, _DOUBT)
+    return replace(cost, observations=replace(seen, std_px=doubt * seen.std_px))
 
 
 def freed_readout(optimum: BundleOptimum, test: ReadoutTest | None) -> tuple[BundleProblem, Variables] | None:
-    """Return problem and variables with the read-out time as a variable; None where the evidence fixes it."""
-    if test is None or test.log_evidence <= VERY_STRONG_NATS:
+    """Return problem and variables with the read-out time as a variable; None without any evidence for it.
+
+    A map with the wrong shutter has so much noise that its evidence is weak: `is_rolling` decides.
+    """
+    if test is None or test.log_evidence <= 0:
         return None
-    values = gtsam.Values(optimum.values)
+    problem, at = _with_free_readout(
+        optimum.problem, optimum.at, replace(test.motion, readout_s=test.readout_s)
+    )
+    try:
+        for _ in range(_FIRST_FITS):
+            at = minimise_bundle(_doubting_cost(problem, optimum, at), at, _ITERATIONS, _TOLERANCE).at
+            problem, at, _ = corrected_rows(problem, at)
+    except BackendError:
+        return None
+    return problem, at
+
+
+def is_rolling(test: ReadoutTest | None) -> bool:
+    """Return whether a map with the read-out time as a variable has very strong evidence of it."""
+    return test is not None and test.log_evidence > VERY_STRONG_NATS
+
+
+def _with_free_readout(
+    problem: BundleProblem, at: Variables, motion: ExposureMotion
+) -> tuple[BundleProblem, Variables]:
+    values = gtsam.Values(at.values)
     values.insert(READOUT, np.zeros(1))
-    at = replace(optimum.at, values=values)
-    return _corrected(optimum.problem, at, replace(test.motion, readout_s=test.readout_s)), at
+    at = replace(at, values=values)
+    return _corrected(problem, at, motion), at
 
 
 def readout_estimate(optimum: BundleOptimum, test: ReadoutTest | None) -> ReadoutEstimate | None:
-    """Return the read-out time of a map; None where nothing is known of how its rows were exposed."""
+    """Return the read-out time of a map; None where nothing is known of how its rows were exposed.
+
+    ``test`` is that of the map, or of another one that is not believed.
+    """
     motion = optimum.problem.exposure_motion
     if motion is None:
         if test is None:
@@ -144,11 +197,7 @@ def readout_estimate(optimum: BundleOptimum, test: ReadoutTest | None) -> Readou
     if not motion.is_free or test is None:
         return ReadoutEstimate(motion.readout_s, 0.0, 0.0, False, _known(motion))
     found = motion.readout_s + Cameras.of(optimum.problem, optimum.values).readout_s
-    try:
-        std_s = float(optimum.standard_deviations(READOUT)[0]) * np.sqrt(test.effect)
-    except SingularMatrixError:
-        std_s = np.nan
-    return ReadoutEstimate(found, std_s, PRIOR_STD_S, True, _known(motion))
+    return ReadoutEstimate(found, test.std_s, PRIOR_STD_S, True, _known(motion))
 
 
 def row_motion_m(optimum: BundleOptimum) -> Array | None:
@@ -171,35 +220,34 @@ def _known(motion: ExposureMotion) -> int:
 def _exposure_motion(
     problem: BundleProblem, at: Variables, readout_s: float, is_free: bool
 ) -> ExposureMotion:
+    """Return the motion by the poses found; pictures of unknown motion first count as flown on evenly."""
     measured, tracks = problem.measurements, problem.tracks
     assert measured.exposure is not None
-    before = problem.exposure_motion
-    recorded_px = np.asarray(tracks.pixel, dtype=float) if before is None else before.recorded_px
-    velocity = _told_velocities(problem, at.values)
-    is_told = np.asarray(np.isfinite(velocity).all(axis=1))
-    motion = ExposureMotion(
-        np.nan_to_num(velocity), is_told, measured.exposure.rows, readout_s, is_free, recorded_px
-    )
-    return motion if readout_s == 0.0 else _with_own_velocities(problem, at, motion)
-
-
-def _told_velocities(problem: BundleProblem, values: gtsam.Values) -> Array:
-    """Return velocities (n, 3) of the cameras in mean heights per second; NaN where nothing tells them."""
-    measured = problem.measurements
-    place = np.array([values.atPose3(POSE(k)).translation() for k in range(measured.count)])
+    place = np.array([at.values.atPose3(POSE(k)).translation() for k in range(measured.count)])
     velocity = straight_velocities(measured.stamps_s, place)
-    if measured.exposure is not None and measured.placed:
-        world = values.atVector(WORLD)
+    if measured.placed:
+        world = at.values.atVector(WORLD)
         reported = measured.exposure.w_v_m_s @ rotation_of(world, SLOPE) / np.exp(world[LOG_SCALE])
         velocity = np.where(np.isfinite(reported), reported, velocity)
-    return velocity
+    is_told = np.asarray(np.isfinite(velocity).all(axis=1))
+    before = problem.exposure_motion
+    recorded_px = np.asarray(tracks.pixel, dtype=float) if before is None else before.recorded_px
+    motion = ExposureMotion(
+        f_v=continued_velocities(measured.stamps_s, place, velocity),
+        is_told=is_told,
+        rows=measured.exposure.rows,
+        readout_s=readout_s,
+        is_free=is_free,
+        recorded_px=recorded_px,
+    )
+    return motion if before is None or readout_s == 0.0 else _with_own_velocities(problem, at, motion)
 
 
 def _with_own_velocities(problem: BundleProblem, at: Variables, motion: ExposureMotion) -> ExposureMotion:
     """Return the motion with the velocities that pictures show for themselves where nothing tells them.
 
-    Each is fitted with the pose of its picture to the points, within the speed of the other pictures. At the
-    ends of strips, some vehicles stop and others take no notice.
+    Each is fitted with the pose of its picture to the points, about an even flight, within the speed of the
+    other pictures. At the ends of strips, some vehicles stop and others take no notice.
     """
     tracks, cameras = problem.tracks, Cameras.of(problem, at.values)
     mine = np.flatnonzero(~motion.is_told[tracks.keyframe])
@@ -219,7 +267,8 @@ def _with_own_velocities(problem: BundleProblem, at: Variables, motion: Exposure
     velocity = motion.f_v.copy()
     for k in np.unique(keyframe):
         J, b = columns[keyframe == k].reshape(-1, 9), right[keyframe == k].ravel()
-        velocity[k] = np.linalg.lstsq(J.T @ J + prior, J.T @ b, rcond=None)[0][6:]
+        even = np.array([*(0.0,) * 6, *motion.f_v[k]])
+        velocity[k] = np.linalg.lstsq(J.T @ J + prior, J.T @ b + prior @ even, rcond=None)[0][6:]
     return replace(motion, f_v=velocity)
 
 

@@ -81,14 +81,24 @@ def clouds() -> np.ndarray:
     return np.dstack([np.clip(200 + 25 * total, 0, 255).astype(np.uint8)] * 3)
 
 
-def picture(w_T_c: np.ndarray, focal_px: float = FOCAL_PX, floor: np.ndarray | None = None) -> np.ndarray:
-    """The ground, mirrored beyond its border, and clouds above the horizon."""
+def picture(
+    w_T_c: np.ndarray,
+    focal_px: float = FOCAL_PX,
+    floor: np.ndarray | None = None,
+    moved_m: tuple[float, float, float] | np.ndarray = (0.0, 0.0, 0.0),
+) -> np.ndarray:
+    """The ground, mirrored beyond its border, and clouds above the horizon.
+
+    ``moved_m``: how far the camera moves, east, north and up, from the first row to the last.
+    """
     columns, rows = SIZE_PX
     u, v = np.meshgrid(np.arange(columns), np.arange(rows))
     x, y = (u - CENTER_PX[0]) / focal_px, (v - CENTER_PX[1]) / focal_px
     east, north, up = (row[0] * x + row[1] * y + row[2] for row in w_T_c[:3, :3])
-    there = w_T_c[2, 3] / np.where(up < 0, -up, np.inf)
-    cells = (w_T_c[0, 3] + there * east - WEST_M, NORTH_M - w_T_c[1, 3] - there * north)
+    late = v / (rows - 1) - 0.5
+    at_east, at_north, at_up = (w_T_c[axis, 3] + late * moved_m[axis] for axis in range(3))
+    there = at_up / np.where(up < 0, -up, np.inf)
+    cells = (at_east + there * east - WEST_M, NORTH_M - at_north - there * north)
     at = [(distance / CELL_M - 0.5).astype(np.float32) for distance in cells]
     floor = ground() if floor is None else floor
     shown = cv2.remap(floor, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
@@ -129,15 +139,21 @@ def photographed(
     gps_std_m: float,
     datum_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     focal_px: float = FOCAL_PX,
+    every_s: float = 2.0,
+    readout_s: float = 0.0,
 ) -> Flight:
-    """Photographs from true poses (n, 4, 4), with GPS that has noise and lies off by ``datum_m``."""
+    """Photographs from true poses (n, 4, 4), with GPS that has noise and lies off by ``datum_m``.
+
+    The poses are those of the middle row. ``readout_s``: time from the exposure of the first to the last.
+    """
     n = len(w_T_c)
     names = tuple(f"photo_{k:02}.jpg" for k in range(n))
     camera = Camera((focal_px, focal_px), CENTER_PX, SIZE_PX, b_T_c=NADIR_B_T_C)
     fixes = w_T_c[:, :3, 3] + rng.normal(0, gps_std_m, (n, 3)) + datum_m
-    stamps_s = 2.0 * np.arange(n)
+    stamps_s = every_s * np.arange(n)
     gps = Gps(stamps_s, *geodetic_from_enu(fixes, ORIGIN), noise_std_m=(gps_std_m,) * 3)
-    frames = Frames(stamps_s, names, lambda k: picture(w_T_c[k], focal_px))
+    moved_m = readout_s * np.gradient(w_T_c[:, :3, 3], every_s, axis=0)
+    frames = Frames(stamps_s, names, lambda k: picture(w_T_c[k], focal_px, moved_m=moved_m[k]))
     return Flight("survey", camera=camera, frames=frames, gps=gps, all_keyframes=True)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from backend.measurements.straight_flight import straight_velocities
+from backend.measurements.straight_flight import continued_velocities, straight_velocities
 
 STRIP = np.arange(6.0)[:, None] * [12.0, 5.0, 0.0]
 STAMPS_S = 2.0 * np.arange(6)
@@ -46,3 +46,16 @@ def test_a_vehicle_at_rest_has_none():
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_few_pictures_have_none(count: int):
     assert known(STAMPS_S[:count], STRIP[:count]) == []
+
+
+def test_at_the_ends_of_strips_the_vehicle_may_fly_on():
+    there_and_back = np.concatenate([STRIP, STRIP[::-1] + [0.0, 20.0, 0.0]])
+    stamps_s = 2.0 * np.arange(12)
+    velocity = straight_velocities(stamps_s, there_and_back)
+    found = continued_velocities(stamps_s, there_and_back, velocity)
+    np.testing.assert_allclose(found[:6], [[6.0, 2.5, 0.0]] * 6)
+    np.testing.assert_allclose(found[6:], [[-6.0, -2.5, 0.0]] * 6)
+
+
+def test_nothing_is_continued_without_a_strip():
+    assert not continued_velocities(STAMPS_S, STRIP, np.full((6, 3), np.nan)).any()
