@@ -30,10 +30,10 @@ from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.posterior import Posterior
 from slam.criticism.without_commands.likelihood import begin_of, likelihood_of, picture_rows
 from slam.criticism.without_commands.sensor_comparison import airborne_record, with_free_motion
-from slam.criticism.without_commands.whitened_rows import WhitenedRows, inertial_residuals
 from slam.data_quality.pictures.cells import CELL_STEPS, Cells
 from slam.data_quality.pictures.feature_matches import MATCHES, STEPS, FeatureMatches
 from slam.data_quality.pictures.tones import FEWEST as FEWEST_POINTS
+from slam.data_quality.whitened_rows import WhitenedRows, inertial_residuals
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight, simulate_readings
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for

@@ -32,10 +32,10 @@ from slam.criticism.verdict.posterior import doubtful_components, posterior_of, 
 from slam.criticism.verdict.rollouts import Covariate, covariate_of
 from slam.criticism.without_commands.likelihood import contradiction, fisher_of, likelihood_of
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, channel_errors
-from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows, table_of
 from slam.data_quality.axes import axes_of_all
 from slam.data_quality.finding import Finding, Remark
 from slam.data_quality.jumps import jumps_of_all
+from slam.data_quality.whitened_rows import FlightRows, WhitenedRows, table_of
 from slam.simulation.model import Model
 
 STANDS_OUT_Z = 4.0

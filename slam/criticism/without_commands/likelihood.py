@@ -25,10 +25,10 @@ from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import fitted_parameter, with_steps
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
-from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows, columns_of, table_of
 from slam.data_quality.comparison_derivatives import SMOOTHING
 from slam.data_quality.finding import Remark
 from slam.data_quality.inertial_comparison import segment_numbers
+from slam.data_quality.whitened_rows import FlightRows, WhitenedRows, columns_of, table_of
 from slam.simulation.terms import CATALOGUE
 
 Sizes = Mapping[str, float]

@@ -30,15 +30,15 @@ from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.held_out import parts_of
 from slam.criticism.without_commands.likelihood import Sizes, begin_of, picture_rows, segments_of
-from slam.criticism.without_commands.whitened_rows import (
+from slam.data_quality.inertial_comparison import NODE_S, Averages, near_floor, segment_numbers
+from slam.data_quality.lag import Lag
+from slam.data_quality.pictures.feature_matches import FeatureMatches, match_all_pictures
+from slam.data_quality.whitened_rows import (
     FlightRows,
     WhitenedRows,
     inertial_residuals,
     lags_of,
 )
-from slam.data_quality.inertial_comparison import NODE_S, Averages, near_floor, segment_numbers
-from slam.data_quality.lag import Lag
-from slam.data_quality.pictures.feature_matches import FeatureMatches, match_all_pictures
 from slam.simulation.model import Model
 from slam.simulation.replay.compare import HORIZONS_S
 

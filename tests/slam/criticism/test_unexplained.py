@@ -11,9 +11,9 @@ import pytest
 from slam.criticism import criticise, run
 from slam.criticism.verdict.over_time import CERTAIN_Z, _break
 from slam.criticism.without_commands.explanation import ComparedFlights
-from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.data_quality.axes import IN_WORLD, wrong_axes
 from slam.data_quality.inertial_comparison import Averages, into_world
+from slam.data_quality.whitened_rows import WhitenedRows
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from tests.benchmarks.injections import KINDS

@@ -16,9 +16,9 @@ from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.without_commands.explanation import search_linear
 from slam.criticism.without_commands.likelihood import PATTERNS, likelihood_of
 from slam.criticism.without_commands.sensor_comparison import SensorComparison
-from slam.criticism.without_commands.whitened_rows import inertial_residuals, lags_of
 from slam.data_quality.inertial_comparison import NODE_S
 from slam.data_quality.lag import Lag
+from slam.data_quality.whitened_rows import inertial_residuals, lags_of
 from slam.simulation.healthy.flights import healthy_case, simulate_flight, simulate_readings
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.simulation.healthy.manoeuvres import stick_for

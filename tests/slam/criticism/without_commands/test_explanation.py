@@ -10,7 +10,7 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.without_commands.explanation import search_linear
 from slam.criticism.without_commands.likelihood import likelihood_of, segments_of
-from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.data_quality.whitened_rows import WhitenedRows
 from slam.simulation.model import load_model
 
 SEGMENTS, ROWS = 12, 60

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.without_commands.likelihood import IN_TIME, likelihood_of
-from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.data_quality.whitened_rows import WhitenedRows
 from slam.simulation.model import load_model
 
 SEGMENTS, ROWS, DRAWS = 7, 20, 400

@@ -16,7 +16,6 @@ from scipy.linalg import solve_triangular
 from frontend.robust import robust_std
 from slam.core.arrays import Array, Ints
 from slam.core.flight import Flight
-from slam.criticism.search.thresholds import VERY_SIMILAR_NATS
 from slam.data_quality.comparison_derivatives import DELAY, LAGGING, SMOOTHING, derivatives, with_lags
 from slam.data_quality.inertial_comparison import (
     BETWEEN_SAMPLES,
@@ -179,6 +178,8 @@ def _noise(off: Array, place: Ints, order: int) -> tuple[float, Array, Array]:
 
 DELAYS_S = (-0.16, -0.08, 0.0, 0.08, 0.16, 0.24, 0.32)
 """Delays about which rows may be linear: half of the 0.2 s over which a speed is averaged, either way."""
+HINT_NATS = 4.0
+"""Lead in nats by which the slope of the rows points to a delay: about three standard deviations."""
 CERTAIN_NATS = 12.5
 """Least lead of a lag: half the square of five standard deviations."""
 ROUNDS = 2
@@ -233,7 +234,7 @@ def _delay(flights: Sequence[Flight], lags: Mapping[str, Lag], stream: str) -> L
 
     now = [(r.traces[stream + DELAY], r) for r in rows(0.0) if stream + DELAY in r.traces]
     slope = sum(float(delay @ r.off) for delay, r in now)
-    if 0.5 * slope**2 <= VERY_SIMILAR_NATS * sum(float(delay @ delay) for delay, _ in now):
+    if 0.5 * slope**2 <= HINT_NATS * sum(float(delay @ delay) for delay, _ in now):
         return PROMPT
     nats = {late_s: _nats(rows(late_s)) for late_s in DELAYS_S if late_s * slope >= 0.0}
     best = max(nats, key=lambda late_s: nats[late_s])
