@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -49,6 +50,7 @@ def criticise(
     from slam.core.flight import with_unique_names
     from slam.core.progress import Tally
     from slam.criticism import criticise as run
+    from slam.report.criticism.advice import advice_after
     from slam.report.criticism.write import write_criticism_report
     from slam.report.tables.evaluation import map_gain_table
     from slam.simulation.model import load_model
@@ -61,6 +63,7 @@ def criticise(
         for flight in opened:
             show_sources(flight, screen)
         result = run(opened, nominal, progress)
+        result = replace(result, details=(*result.details, *advice_after(result)))
         max_pictures = {True: None, False: 0, None: MAX_PICTURES_BY_DEFAULT}[maps]
         gains = gains_in_maps(opened, result, max_pictures, progress)
         write_criticism(result, folder, gains)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from backend.wording import counted, either
 from slam.core.names import enumerated
+from slam.report.criticism.advice import CHECK, STAYS, flight_after, what_to_do
 from slam.report.criticism.certainty import by_certainty, differs, drifting, is_established, likeness_of_rival
 from slam.report.criticism.detectable import hidden_without
 from slam.report.criticism.findings import GAIN, concerned, distinct_findings, is_of_speed
@@ -29,8 +30,6 @@ _RIGHT_NAME = "the right name"
 def to_use(result: Criticism, usable: str) -> list[str]:
     """Return whether the model is ``usable``, and the verdict's advice with the instruments by their names;
     in numbered steps where a part of extended.toml is not established."""
-    from slam.criticism.verdict.sentence import CHECK, STAYS, what_to_do
-
     sensors = concerned(result)
     check = f"check {enumerated(sensors)} first ({BY_HAND}): {STAYS}" if sensors else CHECK
     far = [CATALOGUE[c.name].instrument for c in result.causes if is_established(c, result) and is_far(c)]
@@ -51,8 +50,6 @@ def to_use(result: Criticism, usable: str) -> list[str]:
 def _what_stays(result: Criticism) -> str:
     """Return what stays wrong with the extended model, apart from constants that it has as they were
     found."""
-    from slam.criticism.verdict.sentence import STAYS
-
     if result.limits:
         return "what is not explained stays in the corrected readings"
     in_file = [f.channel for f in distinct_findings(result) if is_in_the_file(f.channel, result)]
@@ -67,8 +64,6 @@ def _what_stays(result: Criticism) -> str:
 def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     """Return the manoeuvres, each with the questions that it settles, or else the verdict's advice, and what
     to log."""
-    from slam.criticism.verdict.sentence import flight_after
-
     judged = judged_of(result, flights)
     asked = _manoeuvres(result)
     lines = (

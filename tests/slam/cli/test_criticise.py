@@ -56,6 +56,7 @@ def test_one_flight_is_held_out_by_segments(criticism, verdict):
     assert gain["nats"] > 0
     assert "On held-out segments" in verdict["sentence"]
     assert "held-out flights" not in " ".join([verdict["sentence"], *verdict["details"]])
+    assert verdict["details"][-1].startswith("Next flight: ")
     assert "Each part in turn is held out" in (criticism / "report.html").read_text()
 
 

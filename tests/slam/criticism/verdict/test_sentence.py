@@ -6,14 +6,13 @@ import math
 import re
 from dataclasses import replace
 from itertools import product
-from typing import get_args
 
 import pytest
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import NameInDoubt, OutOfRange, ResidualPattern
-from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
-from slam.criticism.verdict.sentence import CHECK, details, headline, unusable, what_to_do, with_sentences
+from slam.criticism.verdict.criticism import Criticism, Rank
+from slam.criticism.verdict.sentence import details, headline, unusable
 from slam.simulation.terms import CATALOGUE
 
 SPEED = ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
@@ -148,32 +147,6 @@ def test_effects_that_cannot_be_distinguished_are_no_certain_causes():
     assert f"Effects that the flights cannot distinguish: {listed}." in details(finding)
 
 
-def test_the_next_flight_is_told_with_what_to_do():
-    advised = "To distinguish a from b fly 'climb' once: 3.6 sigma a time."
-    alike, named = (
-        with_sentences(Criticism(verdict, next_flight=advised)).details[-1]
-        for verdict in ("ambiguous", "named")
-    )
-    assert alike == f"Next flight: {advised} Then criticise the flights together."
-    assert named.endswith(advised)
-    assert "docs/recipes.md" in with_sentences(Criticism("ambiguous")).details[-1]
-
-
-def test_only_an_instrument_is_repaired():
-    vehicle, camera = (
-        with_sentences(Criticism("named", causes=(made(name, 1.0, SPEED),))).details[-2]
-        for name in ("active_braking", "camera_tilt")
-    )
-    assert "instrument" not in vehicle
-    assert "Calibrate, or repair, the instrument" in camera
-
-
-def test_what_shows_effects_that_were_missed_is_told_with_a_healthy_verdict():
-    seen = {"trim_offset": (0.02, "rad"), "sonar_lag": (2.5, "s")}
-    flown = with_sentences(Criticism("nothing_wrong", detectable=seen)).details[-1]
-    assert f"To see more, fly for sonar_lag: {CATALOGUE['sonar_lag'].excitation}." in flown
-
-
 def test_pictures_gain_from_one_to_another():
     px = ChannelError("reprojection", "px", 0.0, 1.3, 0.2)
     text = headline(Criticism("named", causes=(made(NAMES[0], 1.0, PITCH, px),)))
@@ -229,8 +202,6 @@ def test_only_what_shows_at_a_usual_size_counts_as_tested():
     )
     unjudged = replace(finding, limits=LIMITS)
     assert headline(unjudged).startswith("The flights show no error of an instrument.")
-    assert what_to_do(finding, "", "") == "simulate with the model as it is."
-    assert what_to_do(unjudged, "", "") == "no instrument needs a correction."
     # The smallest visible sizes are reported as such, apart from the usual ones.
     smallest = "Smallest sizes that nine of ten such flights would have shown"
     assert details(finding) == (f"{smallest}: quadratic_drag 0.024 1/m, sonar_scale 3.8 %.",)
@@ -246,22 +217,3 @@ def test_flights_that_cannot_be_judged_have_one_reason_in_the_headline_and_all_i
     found = unusable(["a: too short", "b: no readings", "c: no readings"], advice="Fly longer.")
     assert found.sentence == "These data cannot be judged: a: too short, and 2 further reasons. Fly longer."
     assert found.details == ("b: no readings.", "c: no readings.")
-
-
-def test_every_verdict_tells_a_pilot_what_to_do_next():
-    verdicts = [verdict for verdict in get_args(Verdict) if verdict != "unusable"]
-    told, flown = ({v: with_sentences(Criticism(v)).details[k] for v in verdicts} for k in (-2, -1))
-    assert all(line.startswith("Next flight: ") for line in flown.values())
-    assert len(set(told.values())) == len(told) == 5
-    for verdict, line in told.items():
-        assert line.startswith("What to do next: "), verdict
-        assert re.search(r"\b(simulate|fly|check|repair)\b", line), verdict
-    assert "extended.toml" in told["named"]
-    assert "extended.toml" not in told["unknown"]
-
-
-@pytest.mark.parametrize("verdict", ["named", "ambiguous"])
-def test_without_commands_and_a_correction_the_advice_promises_no_prediction(verdict):
-    told = what_to_do(Criticism(verdict, limits="no commands"), CHECK, "")
-    assert told == "these recordings cannot be corrected afterwards."
-    assert "predicts flights like these" in what_to_do(Criticism("ambiguous"), CHECK, "")
