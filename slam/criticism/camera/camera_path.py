@@ -21,7 +21,7 @@ from slam.criticism.kalman.arrays import PathHistory
 from slam.criticism.kalman.filter_parameters import OFFSET, READOUT, FilterParameters, slot
 from slam.criticism.kalman.innovations import Run
 from slam.criticism.kalman.kernel_inputs import Perturbation
-from slam.criticism.kalman.readings import INSTRUMENT_OF, INSTRUMENTS, MOMENT, SENSOR
+from slam.criticism.kalman.readings import INSTRUMENTS, MOMENT, SENSOR, by_channel
 from slam.criticism.kalman.record import Record, in_order
 from slam.data_quality.pictures.feature_matches import SHORTEST_S, FeatureMatches
 from slam.simulation.dynamics import PITCH, ROLL, YAW, X, Y, Z
@@ -175,7 +175,7 @@ def smoothed(
         np.concatenate([record.landing, np.zeros(len(moments_s), dtype=bool)]),
     )
     # AR(1) noise counts as the white noise that averages out as slowly.
-    colour = parameters.noise_correlation[list(INSTRUMENT_OF)]
+    colour = by_channel(*parameters.noise_correlation)
     std = record.noise_std * np.sqrt((1.0 + colour) / (1.0 - colour))
     # The path needs no likelihood: neither AR(1) noise nor uneven stamps.
     white = replace(parameters, noise_correlation=np.zeros(len(INSTRUMENTS)), jitter_s=0.0)
@@ -201,20 +201,20 @@ def smoothed(
 @allocating_kernel
 def _backward(passed: PathHistory, at: Ints) -> tuple[Array, Array, Array, Array]:
     """Return states (k, n), A to the next (k, n, n), covariances and sensitivities at the events ``at``."""
-    events, n, m = passed.t_before.shape
+    _, events, n, m = passed.t.shape
     count = len(at)
     states, sensitivity = np.empty((count, n)), np.empty((count, n, m))
     chain, spreads = np.zeros((count, n, n)), np.empty((count, n, n))
-    x, p, t = passed.x_after[-1].copy(), passed.p_after[-1].copy(), passed.t_after[-1].copy()
+    x, p, t = passed.x[1, -1].copy(), passed.p[1, -1].copy(), passed.t[1, -1].copy()
     a = np.eye(n)
     k = count - 1
     for e in range(events - 1, -1, -1):
         if e < events - 1:
-            before = passed.p_before[e + 1] + _TINY * np.eye(n)
-            gain = np.linalg.solve(before, np.dot(passed.moves[e + 1], passed.p_after[e])).T.copy()
-            x = passed.x_after[e] + np.dot(gain, x - passed.x_before[e + 1])
-            p = passed.p_after[e] + np.dot(np.dot(gain, p - passed.p_before[e + 1]), gain.T)
-            t = passed.t_after[e] + np.dot(gain, t - passed.t_before[e + 1])
+            before = passed.p[0, e + 1] + _TINY * np.eye(n)
+            gain = np.linalg.solve(before, np.dot(passed.moves[e + 1], passed.p[1, e])).T.copy()
+            x = passed.x[1, e] + np.dot(gain, x - passed.x[0, e + 1])
+            p = passed.p[1, e] + np.dot(np.dot(gain, p - passed.p[0, e + 1]), gain.T)
+            t = passed.t[1, e] + np.dot(gain, t - passed.t[0, e + 1])
             a = np.dot(gain, a)
         if k >= 0 and at[k] == e:
             states[k], spreads[k], sensitivity[k], chain[k] = x, 0.5 * (p + p.T), t, a

@@ -15,6 +15,8 @@ class EventArrays(NamedTuple):
     values: Array
     elapsed: Array
     landing: Mask
+    samples: Ints
+    """(events,) number of samples since the instrument's last one, lost samples included."""
     first_step: Ints
     """(events + 1,) the steps first_step[e] to first_step[e + 1] lead to event e."""
     step_s: Array
@@ -32,24 +34,37 @@ class CommandArrays(NamedTuple):
     """(steps, 6) change of the stick within each step, ..."""
     late_var_s2: float
     """... and the variance of the time at which it acts."""
-    spoilt_channels: Ints
-    """(events,) number of the event's channels, from the first, that a nearby jump of the stick may spoil."""
 
 
 class ModelArrays(NamedTuple):
-    """The parameters of the vehicle and its instruments, as in ``FilterParameters``, and the noise."""
+    """The parameters of the vehicle and its instruments, as in ``FilterParameters``."""
 
     parameters: Array
     """(``dynamics.PARAMETERS``,)."""
     sensor: Array
-    hold: Array
-    variance: Array
-    """(channels,) variance of one reading."""
     range_limits_m: Array
     """(2,) least and greatest range that the sonar reports."""
-    jitter_s: float
+    ar1_state: Ints
+    """(channels,) state that holds the channel's AR(1) noise, or ``noise.WHITE``."""
+
+
+class NoiseArrays(NamedTuple):
+    """The noise of the model, and behind it c changed ones, under which the filter runs as well."""
+
+    hold: Array
+    """(1 + c, ``transition.HOLD``)."""
+    decays_alike: Mask
+    """(1 + c,) whether the noises of the state decay as under the first."""
+    variance: Array
+    """(1 + c, channels) variance of one reading."""
+    ar1: Array
+    """(1 + c, channels) AR(1) coefficient of the noise."""
+    jitter_s: Array
+    """(1 + c,)."""
     diffusion: Array
-    """(n,) growth of the variance of each state by process noise, per second."""
+    """(1 + c, n) growth of the variance of each state by process noise, per second."""
+    spoilt_channels: Ints
+    """(1 + c, events) number of channels, from the first, that a nearby jump of the stick may spoil."""
 
 
 class PerturbationArrays(NamedTuple):
@@ -81,66 +96,15 @@ class KalmanState(NamedTuple):
     """The estimate that the filter updates from event to event."""
 
     state: Array
-    """(n,) mean."""
+    """(n,) mean under the first noise."""
     p: Array
-    """(n, n) covariance."""
+    """(1 + c, n, n) covariance under each noise."""
+    shift: Array
+    """(n, 1 + c) difference of the mean under each noise from that under the first."""
     outlier_streak: Array
     """(channels,) number of successive outliers."""
     sensitivity: Array
     """(n, m) derivative of the mean with respect to each perturbation."""
-
-
-class Ar1Noise(NamedTuple):
-    """State of k AR(1) noises, for a filter state of n entries with m sensitivities."""
-
-    slot: Ints
-    """(channels,) index of the channel's noise, or ``noise.WHITE``."""
-    samples: Ints
-    """(events,) number of samples since the instrument's last one, lost samples included."""
-    coefficient: Array
-    """(k,) AR(1) coefficient."""
-    variance: Array
-    """(k,) stationary variance."""
-    mean: Array
-    """(k,)."""
-    cross: Array
-    """(n, k) covariance with the state."""
-    own: Array
-    """(k, k) covariance."""
-    sensitivity: Array
-    """(k, m)."""
-    reading_cov: Array
-    """(k,) buffer: covariance of the noises with a reading."""
-
-
-class NoiseChangeArrays(NamedTuple):
-    """The filter under each of c changes of its noise, for n states and k AR(1) noises.
-
-    Arrays that the plain filter has as well (``ModelArrays``, ``KalmanState``, ``Ar1Noise``,
-    ``CommandArrays``) have a first axis (c,) where they depend on the change.
-    """
-
-    hold: Array
-    decays_alike: Mask
-    """(c,) whether the noises of the state decay as without the change."""
-    variance: Array
-    jitter_s: Array
-    diffusion: Array
-    p: Array
-    shift: Array
-    """(n, c) difference of the mean from the plain filter's."""
-    coloured: Ar1Noise
-    spoilt_channels: Ints
-    before: Array
-    """(n,) state of the plain filter before the step."""
-    slower: Array
-    """(c, n) change of the mean over a step by another decay."""
-    matrix: Array
-    """(n, n) buffer: transition, ..."""
-    ph: Array
-    """(n,) ... and covariances of the state with a reading."""
-    untraced: Array
-    """(0,): readings have no sensitivities."""
 
 
 class StepBuffers(NamedTuple):
@@ -151,7 +115,13 @@ class StepBuffers(NamedTuple):
     slopes: Array
     """(10, n) Jacobian of the rate in the filter's state."""
     matrix: Array
-    """(n, n) transition."""
+    """(n, n) transition under the first noise, ..."""
+    other_matrix: Array
+    """(n, n) ... and under another one."""
+    before: Array
+    """(n,) state before the step."""
+    slower: Array
+    """(1 + c, n) change of the mean over the step by another decay than under the first noise."""
     q: Array
     """(n, n) process noise of the noise states."""
     middle: Array
@@ -178,7 +148,9 @@ class PredictedReading(NamedTuple):
     by_rate: Array
     """(6, 10) Jacobian in the state's rate."""
     ph: Array
-    """(n,) covariance of the state with a channel."""
+    """(n,) covariance of the state with a channel under the first noise, ..."""
+    other_ph: Array
+    """(n,) ... and under another one."""
     correction: Array
     """(n,) correction of the state by the event's earlier channels."""
 
@@ -241,18 +213,14 @@ class KalmanOutputs(NamedTuple):
 
 
 class PathHistory(NamedTuple):
-    """Estimates around each event, for a smoother; without events where none is needed."""
+    """Estimates before and after each event, for a smoother; without events where none is needed."""
 
-    x_before: Array
-    """(events, n) state before each event, ..."""
-    x_after: Array
-    """... and after it."""
-    p_before: Array
-    """(events, n, n) covariance."""
-    p_after: Array
-    t_before: Array
-    """(events, n, m) sensitivities."""
-    t_after: Array
+    x: Array
+    """(2, events, n) mean."""
+    p: Array
+    """(2, events, n, n) covariance."""
+    t: Array
+    """(2, events, n, m) sensitivities."""
     moves: Array
     """(events, n, n) transition to each event from the one before; identities before the run."""
 
@@ -263,6 +231,7 @@ class FilterRun(NamedTuple):
     events: EventArrays
     command: CommandArrays
     model: ModelArrays
+    noise: NoiseArrays
     perturbations: PerturbationArrays
     estimate: KalmanState
     step: StepBuffers
@@ -270,8 +239,5 @@ class FilterRun(NamedTuple):
     changes: PerturbationBuffers
     scratch: Scratch
     written: KalmanOutputs
-    coloured: Ar1Noise
-    others: NoiseChangeArrays
-    """The filters under changes of the noise."""
     history: PathHistory
     """It receives the estimates around each event, unless it is empty."""

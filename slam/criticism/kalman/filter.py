@@ -13,18 +13,15 @@ import math
 
 from backend.compilation import inlined_kernel, inner_kernel, kernel
 from slam.core.arrays import Array
-from slam.criticism.kalman.arrays import FilterRun, KalmanState
+from slam.criticism.kalman.arrays import FilterRun
 from slam.criticism.kalman.noise import (
     WHITE,
     correct_changes,
     correct_covariance,
-    correct_noise,
-    covariance_with_reading,
-    innovation_variance,
-    noise_of,
-    predict_changes,
+    predict_covariance,
+    predict_shift,
     sample,
-    spread_by_stamp,
+    variance_of,
 )
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -45,10 +42,9 @@ from slam.criticism.kalman.sensitivity import carry, correct_sensitivity, direct
 from slam.criticism.kalman.transition import (
     NUDGE,
     POLE,
-    covariance_step,
+    add_shocks,
     jacobian,
     mean_step,
-    process_noise,
     split_state,
     transition,
 )
@@ -72,15 +68,15 @@ SONAR_MARGIN = 4.0
 
 @inlined_kernel
 def predict(s: int, filtered: FilterRun) -> None:
-    """Predict state and covariance over step ``s``, and write the step's matrices into ``filtered.step``."""
+    """Predict mean and covariances over step ``s``, and write the step's matrices into ``filtered.step``."""
     command, model, step, scratch = filtered.command, filtered.model, filtered.step, filtered.scratch
     state, p, h = filtered.estimate.state, filtered.estimate.p, filtered.events.step_s[s]
+    for i in range(len(state)):
+        step.before[i] = state[i]
     stick, jump, late_s = command.over_steps[0, s], command.stick_jumps[s], math.sqrt(command.late_var_s2)
     jacobian(state, stick, model.parameters, step.rate, step.slopes, scratch)
-    transition(step.slopes, model.hold, h, step.matrix)
-    process_noise(model.hold, step.matrix, step.q)
+    transition(step.slopes, filtered.noise.hold[0], h, step.matrix)
     mean_step(h, state, stick, model, step, scratch)
-    covariance_step(h, p, step.slopes, step.matrix, step.q, step.work)
     step.late_stick_noise[:], step.contact_variance[:] = 0.0, 0.0
     size = 0.0
     for i in range(DISCHARGE):  # the share of the charge changes steadily
@@ -95,24 +91,25 @@ def predict(s: int, filtered: FilterRun) -> None:
         derivative(full, moved, step.middle_noise, model.parameters, other)
         for i in range(MOVING):
             late[i] = late_s * (other[i] - step.rate[i])
-        for i in range(MOVING):
-            for j in range(MOVING):
-                p[i, j] += late[i] * late[j]
     # The gear may be hitting the floor: not while standing, or while commanded to climb.
     sinks = stick[UP] <= 0.0 and abs(state[VZ]) >= STANDS_M_S
-    if sinks and state[Z] - model.parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[Z, Z]):
-        for i in range(VX, VZ + 1):
-            step.contact_variance[i] = CONTACT_NOISE**2 * h
-            p[i, i] += step.contact_variance[i]
+    above_m = state[Z] - model.parameters[GEAR] - CONTACT_M
+    for c in range(len(p)):
+        predict_covariance(c, h, filtered)
+        if c == 0 and sinks and above_m < 3.0 * math.sqrt(p[0, Z, Z]):
+            for i in range(VX, VZ + 1):
+                step.contact_variance[i] = CONTACT_NOISE**2 * h
+        add_shocks(step, p[c])
+    predict_shift(filtered)
 
 
 @inner_kernel
 def measurement(event: int, filtered: FilterRun) -> None:
-    """Predict the reading of an event and its Jacobians in the rate and in the state, the latter with the
-    path through the rate."""
+    """Predict the reading of an event without AR(1) noise, and its Jacobians in the rate and in the state,
+    the latter with the path through the rate."""
     events, model, expected, scratch = filtered.events, filtered.model, filtered.expected, filtered.scratch
     kind, elapsed, state = events.kinds[event], events.elapsed[event], filtered.estimate.state
-    sensor, parameters, pole_s = model.sensor, model.parameters, model.hold[POLE]
+    sensor, parameters, pole_s = model.sensor, model.parameters, filtered.noise.hold[0, POLE]
     rate, predicted, rows, by_rate = expected.rate, expected.reading, expected.rows, expected.by_rate
     reading(kind, state, rate, sensor, parameters, pole_s, elapsed, predicted)
     beside, nudged, moved = scratch.reading, scratch.nudged, scratch.rate
@@ -149,6 +146,10 @@ def measurement(event: int, filtered: FilterRun) -> None:
             for i in range(3):
                 rows[c, BEFORE + i] += fast * by_rate[c, VX + i]
                 rows[c, BEHIND + i] -= fast * by_rate[c, VX + i]
+    for c in range(width):
+        noise = model.ar1_state[FIRST_CHANNEL[kind] + c]
+        if noise != WHITE:
+            rows[c, noise] = 1.0
 
 
 @inner_kernel
@@ -162,11 +163,11 @@ def judged(event: int, c: int, filtered: FilterRun) -> bool:
     events, model = filtered.events, filtered.model
     kind = events.kinds[event]
     channel = FIRST_CHANNEL[kind] + c
-    spoilt = (events.landing[event] and kind != SONAR) or channel < filtered.command.spoilt_channels[event]
+    spoilt = (events.landing[event] and kind != SONAR) or channel < filtered.noise.spoilt_channels[0, event]
     if spoilt or math.isnan(events.values[event, c]):
         return False
     if kind == SONAR:
-        margin = SONAR_MARGIN * math.sqrt(model.variance[channel])
+        margin = SONAR_MARGIN * math.sqrt(filtered.noise.variance[0, channel])
         least, greatest = model.range_limits_m[0] + margin, model.range_limits_m[1] - margin
         return bool(least <= filtered.expected.reading[c] <= greatest)
     return True
@@ -197,25 +198,18 @@ def update(event: int, filtered: FilterRun) -> None:
     """
     events, model, estimate = filtered.events, filtered.model, filtered.estimate
     expected, changes, written = filtered.expected, filtered.changes, filtered.written
-    coloured, others = filtered.coloured, filtered.others
     kind, ph, change = events.kinds[event], expected.ph, changes.predicted_change
     state, correction, streak = estimate.state, expected.correction, estimate.outlier_streak
     correction[:] = 0.0
-    for k in range(others.p.shape[0]):
-        sample(noise_of(k, others), event, kind)
-    sample(coloured, event, kind)
+    sample(event, filtered)
     for c in range(WIDTH[kind]):
         written.status[event, c] = IGNORED
         if not judged(event, c, filtered):
             continue
         channel, value, row = FIRST_CHANNEL[kind] + c, events.values[event, c], expected.rows[c]
-        own_var, slot = model.variance[channel], coloured.slot[channel]
-        if slot != WHITE:
-            own_var = 0.0
-            value -= coloured.mean[slot]
-        own_var += spread_by_stamp(row, expected.rate, model.jitter_s, model.diffusion)
-        s_var = own_var + innovation_variance(estimate.p, row, ph)
-        s_var += covariance_with_reading(coloured, slot, row, ph)
+        noise, s_var = model.ar1_state[channel], variance_of(0, channel, row, ph, filtered)
+        if noise != WHITE:
+            value -= state[noise] - correction[noise]
         miss, std = value - expected.reading[c], math.sqrt(s_var)
         for i in range(len(state)):
             miss -= row[i] * correction[i]
@@ -230,32 +224,28 @@ def update(event: int, filtered: FilterRun) -> None:
         streak[channel] = 0.0
         written.status[event, c] = USED
         if estimate.sensitivity.shape[1] > 0:
-            if slot != WHITE:
-                for d in range(change.shape[0]):
-                    changes.direct[c, d] += coloured.sensitivity[slot, d]
             correct_sensitivity(row, changes.direct[c], ph, s_var, estimate.sensitivity, change)
             for d in range(change.shape[0]):
                 written.sensitivity[written.rows[0], d] = change[d] / std
-        if others.p.shape[0] > 0:
-            correct_changes(event, c, miss, s_var, filtered)
+        correct_changes(event, c, miss, s_var, filtered)
         written.rows[0] += 1
-        correct_noise(coloured, ph, s_var, miss, change)
         for i in range(len(state)):
             step = ph[i] / s_var * miss
             correction[i] += step
             state[i] += step
-        correct_covariance(ph, s_var, estimate.p)
+        correct_covariance(ph, s_var, estimate.p[0])
 
 
 @inner_kernel
-def _keep(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
-    """Write mean, covariance and sensitivities of an estimate into arrays."""
-    for i in range(len(x)):
-        x[i] = estimate.state[i]
-        for j in range(len(x)):
-            p[i, j] = estimate.p[i, j]
-        for d in range(t.shape[1]):
-            t[i, d] = estimate.sensitivity[i, d]
+def _keep(side: int, e: int, filtered: FilterRun) -> None:
+    """Write the estimate before (0) or after (1) an event into the history."""
+    estimate, history = filtered.estimate, filtered.history
+    for i in range(len(estimate.state)):
+        history.x[side, e, i] = estimate.state[i]
+        for j in range(len(estimate.state)):
+            history.p[side, e, i, j] = estimate.p[0, i, j]
+        for d in range(estimate.sensitivity.shape[1]):
+            history.t[side, e, i, d] = estimate.sensitivity[i, d]
 
 
 @inlined_kernel
@@ -281,32 +271,23 @@ def _take_reading(e: int, filtered: FilterRun) -> None:
 def run(begin: int, end: int, filtered: FilterRun) -> None:
     """Filter the events ``begin`` to ``end``; rows of sensitivities start at 0."""
     events, estimate, step, written = filtered.events, filtered.estimate, filtered.step, filtered.written
-    coloured, others, history = filtered.coloured, filtered.others, filtered.history
-    state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
-    traced, changed = sensitivity.shape[1] > 0, others.p.shape[0] > 0
-    kept = history.x_before.shape[0] > 0
+    state, sensitivity, moves = estimate.state, estimate.sensitivity, filtered.history.moves
+    traced, kept = sensitivity.shape[1] > 0, len(moves) > 0
     written.rows[0] = 0
     for e in range(begin, end):
         for s in range(events.first_step[e], events.first_step[e + 1]):
-            if changed:
-                for i in range(len(state)):
-                    others.before[i] = state[i]
             predict(s, filtered)
-            if changed:
-                predict_changes(events.step_s[s], step, others)
-            if coloured.cross.shape[1] > 0:
-                carry(step.matrix, coloured.cross, step.work)
             if kept:
-                carry(step.matrix, history.moves[e], step.work)
+                carry(step.matrix, moves[e], step.work)
             if traced:
                 carry(step.matrix, sensitivity, step.work)
                 force(s, filtered)
         for i in range(MOVING):
             written.states[e, i] = state[i]
-        written.states[e, Z_STD] = math.sqrt(p[Z, Z])
+        written.states[e, Z_STD] = math.sqrt(estimate.p[0, Z, Z])
         if kept:
-            _keep(estimate, history.x_before[e], history.p_before[e], history.t_before[e])
+            _keep(0, e, filtered)
         if events.kinds[e] != MOMENT:
             _take_reading(e, filtered)
         if kept:
-            _keep(estimate, history.x_after[e], history.p_after[e], history.t_after[e])
+            _keep(1, e, filtered)

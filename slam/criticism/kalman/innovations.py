@@ -17,7 +17,7 @@ from slam.core.arrays import Array, Ints
 from slam.criticism.kalman.filter import GATE, IGNORED, USED, Z_STD, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.kernel_inputs import Perturbation, Signal, filter_run
-from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL, place_of
+from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, NO_CHANNEL, by_channel, place_of
 from slam.criticism.kalman.record import Record
 from slam.simulation.dynamics import GEAR, UP, Z
 
@@ -127,7 +127,7 @@ class Run:
 
     def segments(self, longest_s: float) -> Iterator[Innovations]:
         """Yield the innovations of one segment after the other. Call it once for each run."""
-        events, changes = self._filtered.events, len(self._filtered.others.p)
+        events, changes = self._filtered.events, len(self._filtered.noise.hold) - 1
         pieces = max(int(np.ceil((events.times_s[-1] - events.times_s[0]) / longest_s)), 1)
         for begin, end in pairwise(segment_bounds(len(events.times_s), pieces).tolist()):
             readings = int(np.isfinite(events.values[begin:end]).sum())
@@ -168,4 +168,4 @@ def referred(record: Record, parameters: FilterParameters) -> Record:
 def recoloured(record: Record, before: FilterParameters, after: FilterParameters) -> Record:
     """Return the record as ``referred`` would for other AR(1) coefficients of the noise."""
     share = np.log1p(-(after.noise_correlation**2)) - np.log1p(-(before.noise_correlation**2))
-    return replace(record, usual_log_variance=record.usual_log_variance + share[list(INSTRUMENT_OF)])
+    return replace(record, usual_log_variance=record.usual_log_variance + by_channel(*share))

@@ -15,10 +15,10 @@ import numpy as np
 
 from slam.core.arrays import Array, Ints
 from slam.criticism.kalman import arrays
-from slam.criticism.kalman.arrays import Ar1Noise, CommandArrays, PerturbationArrays
+from slam.criticism.kalman.arrays import CommandArrays, PerturbationArrays
 from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters
 from slam.criticism.kalman.noise import WHITE
-from slam.criticism.kalman.readings import CHANNELS, GUSTS, INSTRUMENT_OF, MOVING, READ_BY, STATES, TARGET
+from slam.criticism.kalman.readings import AR1, CHANNELS, GUST, MOVING, READ_BY, TARGET, by_channel
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ENTRIES, ON_CHANNEL, STICKS
 from slam.criticism.kalman.transition import (
@@ -148,8 +148,8 @@ def _command(
     over_steps = [stick.mean(begin_s / (1 + fast), end_s / (1 + fast), late_s) for late_s, fast in variants]
     at_events = [stick.at(record.times_s / (1 + fast), late_s) for late_s, fast in variants]
     ends = [stick.at(at_s / (1 + parameters.drift), parameters.latency_s) for at_s in (begin_s, end_s)]
-    late_var_s2, spoilt = (LATE_SPREAD * parameters.latency_s) ** 2, spoilt_channels(record, parameters)
-    return CommandArrays(np.array(over_steps), np.array(at_events), ends[1] - ends[0], late_var_s2, spoilt)
+    late_var_s2 = (LATE_SPREAD * parameters.latency_s) ** 2
+    return CommandArrays(np.array(over_steps), np.array(at_events), ends[1] - ends[0], late_var_s2)
 
 
 def spoilt_channels(record: Record, parameters: FilterParameters) -> Ints:
@@ -174,17 +174,42 @@ SHORT_S, ENDLESS_S = 1e-5, 1e6
 """Durations over which a noise only grows by its process noise, and over which it forgets its past."""
 
 
+def ar1_states(noises: Sequence[FilterParameters]) -> Ints:
+    """Return (channels,) the state of each channel's AR(1) noise; ``WHITE`` where no parameters have one."""
+    correlated = by_channel(*np.max([p.noise_correlation for p in noises], axis=0)) > 0.0
+    return np.where(correlated, AR1 - 1 + np.cumsum(correlated), WHITE)
+
+
+def samples_between(record: Record) -> Ints:
+    """Return (events,) the number of samples since the previous event of the same kind, by the times."""
+    samples = np.ones(len(record.kinds), dtype=np.int64)
+    for kind in np.unique(record.kinds):
+        rows = np.flatnonzero(record.kinds == kind)
+        gaps = np.diff(record.times_s[rows])
+        if len(gaps):
+            samples[rows[1:]] = np.maximum(np.rint(gaps / np.median(gaps)), 1).astype(np.int64)
+    return samples
+
+
 def initial_state(
-    record: Record, parameters: FilterParameters, states: int, perturbations: int
+    record: Record, noises: Sequence[FilterParameters], states: int, ar1_state: Ints, perturbations: int
 ) -> arrays.KalmanState:
     """Return the estimate before the first reading: the record's initial guess and stationary noises."""
-    state, p = np.zeros(states), np.zeros((states, states))
+    state, p = np.zeros(states), np.zeros((len(noises), states, states))
     state[:MOVING] = record.start
-    p[np.arange(MOVING), np.arange(MOVING)] = record.start_std**2
+    p[:, np.arange(MOVING), np.arange(MOVING)] = record.start_std**2
     if not record.shows_heading:
-        p[[YAW, YAW_RATE], [YAW, YAW_RATE]] = 0.0
-    p[TARGET:, TARGET:] = _process_noise(parameters.hold, ENDLESS_S, states)[TARGET:, TARGET:]
-    return arrays.KalmanState(state, p, np.zeros(len(CHANNELS)), np.zeros((states, perturbations)))
+        p[:, [YAW, YAW_RATE], [YAW, YAW_RATE]] = 0.0
+    own = ar1_state != WHITE
+    for c, parameters in enumerate(noises):
+        p[c, TARGET:, TARGET:] = _process_noise(parameters.hold, ENDLESS_S, states)[TARGET:, TARGET:]
+        p[c, ar1_state[own], ar1_state[own]] = _variance(record, parameters)[own]
+    shift, sensitivity = np.zeros((states, len(noises))), np.zeros((states, perturbations))
+    return arrays.KalmanState(state, p, shift, np.zeros(len(CHANNELS)), sensitivity)
+
+
+def _variance(record: Record, parameters: FilterParameters) -> Array:
+    return np.asarray((record.noise_std * parameters.noise_factor) ** 2)
 
 
 def _process_noise(hold: Array, h: float, n: int) -> Array:
@@ -195,54 +220,16 @@ def _process_noise(hold: Array, h: float, n: int) -> Array:
     return q
 
 
-def ar1_noise_for(record: Record, noises: Sequence[FilterParameters], states: int, m: int) -> Ar1Noise:
-    """Return the stationary noises under the first of some parameters, before the first sample.
-
-    They are of the channels that have one under any of the parameters, with m sensitivities.
-    """
-    parameters, colour = noises[0], noises[0].noise_correlation[list(INSTRUMENT_OF)]
-    correlated = np.any([p.noise_correlation != 0.0 for p in noises], axis=0)
-    channels = np.flatnonzero(correlated[list(INSTRUMENT_OF)])
-    slot = np.full(len(CHANNELS), WHITE, dtype=np.int64)
-    slot[channels] = np.arange(len(channels))
-    variance = (record.noise_std * parameters.noise_factor)[channels] ** 2
-    k = len(channels)
-    # The whole samples since the previous event of the same kind.
-    samples = np.ones(len(record.kinds), dtype=np.int64)
-    for kind in np.unique(record.kinds):
-        rows = np.flatnonzero(record.kinds == kind)
-        gaps = np.diff(record.times_s[rows])
-        if len(gaps):
-            samples[rows[1:]] = np.maximum(np.rint(gaps / np.median(gaps)), 1).astype(np.int64)
-    return Ar1Noise(
-        slot, samples, colour[channels], variance, np.zeros(k), np.zeros((states, k)),
-        np.diag(variance), np.zeros((k, m)), np.zeros(k),
-    )  # fmt: skip
-
-
-def noise_changes_for(
-    record: Record, parameters: FilterParameters, changed: Sequence[FilterParameters], coloured: Ar1Noise
-) -> arrays.NoiseChangeArrays:
-    """Return filters under ``changed`` noise before the first reading, beside AR(1) noises ``coloured``."""
-    (n, k), c = coloured.cross.shape, len(changed)
-    slots = np.flatnonzero(coloured.slot != WHITE)
-    variance, colour = np.zeros((c, len(CHANNELS))), np.zeros((c, len(CHANNELS)))
-    p, ar1_cov, growth = np.zeros((c, n, n)), np.zeros((c, k, k)), np.zeros((c, n))
-    hold, spoilt = np.zeros((c, len(HOLD))), np.zeros((c, len(record.times_s)), dtype=np.int64)
-    for i, own in enumerate(changed):
-        variance[i] = (record.noise_std * own.noise_factor) ** 2
-        colour[i] = own.noise_correlation[list(INSTRUMENT_OF)]
-        p[i], ar1_cov[i] = initial_state(record, own, n, 0).p, np.diag(variance[i, slots])
-        hold[i], growth[i], spoilt[i] = own.hold, diffusion(own.hold, n), spoilt_channels(record, own)
-    times = [TILT_TIME, TURN_TIME, W_TIME, POLE, GUST_TIME]
-    noises = coloured._replace(
-        coefficient=colour[:, slots].copy(), variance=variance[:, slots].copy(), mean=np.zeros((c, k)),
-        cross=np.zeros((c, n, k)), own=ar1_cov, sensitivity=np.zeros((k, 0)), reading_cov=np.zeros(k),
-    )  # fmt: skip
-    return arrays.NoiseChangeArrays(
-        hold, (hold[:, times] == parameters.hold[times]).all(axis=1), variance,
-        np.array([own.jitter_s for own in changed], dtype=np.float64), growth, p, np.zeros((n, c)), noises,
-        spoilt, *_zeros(n, (c, n), (n, n), n, 0),
+def noise_arrays(record: Record, noises: Sequence[FilterParameters], n: int) -> arrays.NoiseArrays:
+    """Return the noise of a record under each of some parameters, for n states."""
+    hold, times = np.array([p.hold for p in noises]), [TILT_TIME, TURN_TIME, W_TIME, POLE, GUST_TIME]
+    return arrays.NoiseArrays(
+        hold, (hold[:, times] == hold[0, times]).all(axis=1),
+        np.array([_variance(record, p) for p in noises]),
+        np.array([by_channel(*p.noise_correlation) for p in noises]),
+        np.array([p.jitter_s for p in noises], dtype=np.float64),
+        np.array([diffusion(p.hold, n) for p in noises]),
+        np.array([spoilt_channels(record, p) for p in noises]),
     )  # fmt: skip
 
 
@@ -256,14 +243,16 @@ def _zeros(*shapes: int | tuple[int, ...]) -> list[Array]:
 
 
 def workspace_for(
-    n: int, m: int, columns: int
+    n: int, m: int, noises: int
 ) -> tuple[arrays.StepBuffers, arrays.PredictedReading, arrays.PerturbationBuffers, arrays.Scratch]:
-    """Return a run's buffers for n states and m perturbations; a step carries at most ``columns`` columns."""
+    """Return the buffers of a run for n states, m perturbations and some noises."""
+    columns = max(n, m, noises)
     return (
         arrays.StepBuffers(
-            *_zeros(FULL, (MOVING, n), (n, n), (n, n), FULL, NOISES, (n, columns), MOVING, MOVING)
+            *_zeros(FULL, (MOVING, n), (n, n), (n, n), n, (noises, n), (n, n), FULL, NOISES, (n, columns)),
+            *_zeros(MOVING, MOVING),
         ),
-        arrays.PredictedReading(*_zeros(FULL, 6, (6, n), (6, MOVING), n, n)),
+        arrays.PredictedReading(*_zeros(FULL, 6, (6, n), (6, MOVING), n, n, n)),
         arrays.PerturbationBuffers(
             np.zeros((ENTRIES, MOVING)), np.zeros(ENTRIES, dtype=np.bool_),
             *_zeros((ENTRIES, MOVING), (ENTRIES, 6), (6, m), m),
@@ -282,32 +271,26 @@ def filter_run(
     """
     if not record.shows_heading:  # no process noise of a heading that no instrument shows
         noises = [replace(p, hold=np.where(np.arange(len(HOLD)) == TURN_STD, 0.0, p.hold)) for p in noises]
-    parameters, *changed = noises
-    first_step, _, step_s = record.steps
+    parameters, (first_step, _, step_s) = noises[0], record.steps
     read = arrays.EventArrays(
-        record.times_s, record.kinds, record.values, record.elapsed, record.landing, first_step, step_s
-    )
-    table, command = _perturbed(record, parameters, perturbations, signals)
-    n = STATES + (GUSTS if any(p.hold[GUST_STD] > 0 for p in noises) else 0)
-    model = arrays.ModelArrays(
-        parameters.dynamics, parameters.sensor, parameters.hold,
-        (record.noise_std * parameters.noise_factor) ** 2, record.range_limits, parameters.jitter_s,
-        diffusion(parameters.hold, n),
+        record.times_s, record.kinds, record.values, record.elapsed, record.landing, samples_between(record),
+        first_step, step_s,
     )  # fmt: skip
+    table, command = _perturbed(record, parameters, perturbations, signals)
+    ar1_state, has_gusts = ar1_states(noises), any(p.hold[GUST_STD] > 0 for p in noises)
+    n = max(AR1 if has_gusts else GUST, int(ar1_state.max()) + 1)
+    model = arrays.ModelArrays(parameters.dynamics, parameters.sensor, record.range_limits, ar1_state)
     m, events = len(perturbations), len(record.times_s)
-    coloured = ar1_noise_for(record, noises, n, m)
     none, missing = np.empty((0, 0)), np.full((2, events, 6), np.nan)
     outputs = arrays.KalmanOutputs(
         missing[0], missing[1], np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)),
         none, none, none, np.zeros(1, dtype=np.int64),
     )  # fmt: skip
-    columns = max(n, m, len(changed), len(coloured.mean))
     kept = events if keeps_history else 0
-    x, p, t = (kept, n), (kept, n, n), (kept, n, m)
-    history = arrays.PathHistory(*_zeros(x, x, p, p, t, t, p))
+    moves = np.tile(np.eye(n), (kept, 1, 1))
+    x, p, t = _zeros((2, kept, n), (2, kept, n, n), (2, kept, n, m))
     return arrays.FilterRun(
-        read, command, model, table, initial_state(record, parameters, n, m),
-        *workspace_for(n, m, columns), outputs, coloured,
-        noise_changes_for(record, parameters, changed, coloured),
-        history._replace(moves=np.tile(np.eye(n), (kept, 1, 1))),
+        read, command, model, noise_arrays(record, noises, n), table,
+        initial_state(record, noises, n, ar1_state, m), *workspace_for(n, m, len(noises)), outputs,
+        arrays.PathHistory(x, p, t, moves),
     )  # fmt: skip

@@ -4,7 +4,8 @@ The reading equations of the catalogue's terms are joined to one kernel for each
 all terms that change what an instrument reads form one vector.
 
 The filter's state is that of the equations of motion (position to yaw rate), then the hold noise: noise on
-the targets, the velocity noise before its pole (o) and after it (w), and the wind of gusts.
+the targets, the velocity noise before its pole (o) and after it (w), and the wind of gusts. The last entries
+are the AR(1) noises of channels. Where there is neither, gusts and AR(1) noises are left out.
 """
 
 from __future__ import annotations
@@ -23,10 +24,8 @@ from slam.simulation.terms import CATALOGUE
 
 MOVING = 10
 """Entries of the state that the equations of motion drive."""
-TARGET, BEFORE, BEHIND, GUST = 10, 13, 16, 19
-"""First entries of the noise on the targets (3), o (3), w (3) and gusts (2)."""
-STATES, GUSTS = 19, 2
-"""Number of states without gusts, and of those of gusts."""
+TARGET, BEFORE, BEHIND, GUST, AR1 = 10, 13, 16, 19, 21
+"""First entries of the noise on the targets (3), o (3), w (3), gusts (2) and AR(1) noises."""
 
 IMU, ATTITUDE, VELOCITY, SONAR = range(4)
 """Kinds of events."""
@@ -52,8 +51,6 @@ CHANNEL_AT = np.array(
 INSTRUMENTS = ("gyro", "accel", "attitude", "velocity", "sonar")
 INSTRUMENT_CHANNELS = (range(3), range(3, 6), range(6, 9), range(9, 11), range(11, 12))
 """Channels of each instrument, which share a kind of noise."""
-INSTRUMENT_OF = tuple(k for k, channels in enumerate(INSTRUMENT_CHANNELS) for _ in channels)
-"""Instrument of each channel."""
 RANGE = FIRST_CHANNEL[SONAR]
 BEYOND_IMU = range(FIRST_CHANNEL[ATTITUDE], len(CHANNELS))
 

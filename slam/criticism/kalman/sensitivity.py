@@ -126,7 +126,7 @@ def direct_change(event: int, filtered: FilterRun) -> None:
     events, command, model = filtered.events, filtered.command, filtered.model
     perturbations, expected, changes = filtered.perturbations, filtered.expected, filtered.changes
     state, scratch = filtered.estimate.state, filtered.scratch
-    kind, rate, pole_s = events.kinds[event], expected.rate, model.hold[POLE]
+    kind, rate, pole_s = events.kinds[event], expected.rate, filtered.noise.hold[0, POLE]
     direct, full, noise, other = changes.direct, scratch.full, scratch.noise, scratch.other
     out, change = scratch.reading, scratch.change
     split_state(state, full, noise)

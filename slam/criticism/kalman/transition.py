@@ -11,7 +11,7 @@ import math
 from backend.compilation import inner_kernel, kernel
 from slam.core.arrays import Array
 from slam.criticism.kalman.arrays import ModelArrays, Scratch, StepBuffers
-from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, TARGET
+from slam.criticism.kalman.readings import AR1, BEFORE, BEHIND, GUST, MOVING, TARGET
 from slam.simulation.dynamics import (
     FADE,
     GEAR,
@@ -131,7 +131,7 @@ def jacobian(
         is_used = YAW_RATE if i == 2 else ROLL + i
         matrix[is_used, TARGET + i] = (beside[is_used] - rate[is_used]) / NUDGE
         noise[ROLL_NOISE + i], noise[WX + i] = state[TARGET + i], state[BEHIND + i]
-    for j in range(GUST, n):
+    for j in range(GUST, min(n, AR1)):
         noise[GUST_X + j - GUST] += NUDGE
         rates(full, c, s, ahead, aside, command, noise, parameters, beside)
         for i in range(MOVING):
@@ -156,7 +156,8 @@ def decay(hold: Array, h: float, matrix: Array) -> None:
         else:
             matrix[BEHIND + i, BEFORE + i] = (before - behind) * hold[W_TIME] / apart
     for i in range(GUST, matrix.shape[0]):
-        matrix[i, i] = math.exp(-h / hold[GUST_TIME])
+        # AR(1) noises change from sample to sample only.
+        matrix[i, i] = math.exp(-h / hold[GUST_TIME]) if i < AR1 else 1.0
 
 
 @kernel
@@ -175,7 +176,7 @@ def process_noise(hold: Array, matrix: Array, q: Array) -> None:
         q[o, o] = v_o * (1.0 - a * a)
         q[o, w] = q[w, o] = v_w - a * (c * v_o + b * v_w)
         q[w, w] = v_w - (c * c * v_o + 2.0 * b * c * v_w + b * b * v_w)
-    for i in range(GUST, matrix.shape[0]):
+    for i in range(GUST, min(matrix.shape[0], AR1)):
         q[i, i] = hold[GUST_STD] ** 2 * (1.0 - matrix[i, i] ** 2)
 
 
@@ -225,6 +226,17 @@ def _times(matrix: Array, right: Array, product: Array, lower: bool) -> None:
 
 
 @inner_kernel
+def add_shocks(step: StepBuffers, p: Array) -> None:
+    """Add to a covariance (n, n) what a late jump of the stick and the gear's contact may do in a step."""
+    late = step.late_stick_noise
+    for i in range(MOVING):
+        p[i, i] += step.contact_variance[i]
+        if late[i] != 0.0:
+            for j in range(MOVING):
+                p[i, j] += late[i] * late[j]
+
+
+@inner_kernel
 def covariance_step(h: float, p: Array, slopes: Array, matrix: Array, q: Array, work: Array) -> None:
     """P <- F P F' + L Q L', in place; through L half a step of the noise acts on the driven states."""
     n = p.shape[0]
@@ -269,10 +281,7 @@ def mean_step(
         after[i] = matrix[i, i] * state[i]
         if BEHIND <= i < GUST:
             after[i] += matrix[i, i - BEHIND + BEFORE] * state[i - BEHIND + BEFORE]
-    for i in range(3):
-        ended[ROLL_NOISE + i], ended[WX + i] = after[TARGET + i], after[BEHIND + i]
-    ended[GUST_X] = after[GUST] if n > GUST else 0.0
-    ended[GUST_Y] = after[GUST + 1] if n > GUST else 0.0
+    split_state(after, scratch.nudged_rate, ended)
     for i in range(NOISES):
         middle_noise[i] = 0.5 * (noise[i] + ended[i])
     for i in range(FULL):

@@ -22,9 +22,9 @@ from slam.criticism.kalman.readings import (
     BEYOND_IMU,
     CHANNEL_UNITS,
     CHANNELS,
+    GUST,
     IMU,
     MOVING,
-    STATES,
     place_of,
     reading,
 )
@@ -122,7 +122,7 @@ def _noise_free_readings(
 ) -> Array:
     """Return (events, 6) noise-free readings in the states ``at`` (events, 12)."""
     predicted, rate = np.zeros((len(kinds), 6)), np.zeros(FULL)
-    state, noise = np.zeros(STATES), np.zeros(NOISES)
+    state, noise = np.zeros(GUST), np.zeros(NOISES)
     for e in range(len(kinds)):
         derivative(at[e], commands[e], noise, parameters, rate)
         for i in range(MOVING):  # an assignment of a slice takes seconds to compile

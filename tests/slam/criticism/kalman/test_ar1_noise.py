@@ -9,7 +9,8 @@ import pytest
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of, slot
 from slam.criticism.kalman.innovations import Run, whole
-from slam.criticism.kalman.kernel_inputs import Perturbation, ar1_noise_for
+from slam.criticism.kalman.kernel_inputs import Perturbation, ar1_states, samples_between
+from slam.criticism.kalman.noise import WHITE
 from slam.criticism.kalman.readings import INSTRUMENTS, SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.search.fitted_parameters import fitted_parameter
@@ -73,15 +74,14 @@ def test_lost_samples_let_the_noise_fade_as_long_as_they_are_many():
     values[np.flatnonzero(full.kinds == SONAR)[lost], 0] = np.nan
     right = whole(replace(full, values=values), true).log_likelihood
     assert whole(thinned, true).log_likelihood == pytest.approx(right, abs=0.5)
-    noise = ar1_noise_for(thinned, [true], 19, 0)
     apart = np.diff(np.flatnonzero(~lost))
-    assert np.array_equal(noise.samples[thinned.kinds == SONAR][1:], apart)
+    assert np.array_equal(samples_between(thinned)[thinned.kinds == SONAR][1:], apart)
 
 
 def test_a_tiny_ar1_coefficient_acts_as_none():
     measured, true = flight(5, np.zeros(5))
     record = record_of(measured)
-    assert len(ar1_noise_for(record, [true], 19, 0).coefficient) == 0
+    assert (ar1_states([true]) == WHITE).all()
     white, faint = whole(record, true), whole(record, replace(true, noise_correlation=np.full(5, 1e-9)))
     assert np.array_equal(white.status, faint.status)
     np.testing.assert_allclose(faint.white, white.white, atol=1e-5)
