@@ -13,16 +13,15 @@ from slam.criticism.kalman.filter_parameters import (
     HOLD_NOISES,
     NOISE_CORRELATIONS,
     NOISE_FIGURES,
-    SQUARES,
     FilterParameters,
     filter_parameters_of,
     noise_figures_of,
-    slot,
     with_figures,
 )
 from slam.criticism.kalman.readings import DATUM, IMU, INSTRUMENT_CHANNELS, place_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
+from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.simulation.dynamics import ATTITUDE_TIME, DRAG, GAIN
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
@@ -31,6 +30,8 @@ _WIDTH = 2 * 1.96
 """Width of a 95 % interval in standard deviations."""
 _EXTENDED = " extended"
 """Suffix of the extended model's name. A name has at most 80 letters."""
+NOT_HELD = "exposure_variation", "tau"
+"""Term and parameter that no filter parameters hold."""
 
 
 def with_terms(model: Model, found: Iterable[Cause]) -> Model:
@@ -96,20 +97,17 @@ def with_sizes(model: Model, name: str, values: Mapping[str, float]) -> Model:
 
 
 def _with(model: Model, name: str, parameters: FilterParameters) -> Model:
-    special = {
-        "control_latency": {"T": parameters.latency_s},
-        "clock_drift": {"ppm": 1e6 * parameters.drift},
+    """Return the model with a term as the filter parameters hold it."""
+    by_noise = {
         "timestamp_jitter": {"sigma": parameters.jitter_s},
         "gusts": {"sigma": float(parameters.hold[GUST_STD]), "tau": float(parameters.hold[GUST_TIME])},
         "attitude_lag": {"tau": float(parameters.dynamics[ATTITUDE_TIME])},
     }
-    values, before = special.get(name, {}), filter_parameters_of(model)
-    for parameter in CATALOGUE[name].parameters if name not in special else ():
-        if (name, parameter.name) == ("exposure_variation", "tau"):
-            continue
-        where, entry = slot(parameter.slot or f"{name}.{parameter.name}")
-        x = float(getattr(parameters, where)[entry])
-        if x != float(getattr(before, where)[entry]):
-            is_square = where == "camera" and entry in SQUARES
-            values[parameter.name] = float(np.sqrt(max(x, 0.0))) if is_square else x
+    if name in by_noise:
+        return with_sizes(model, name, by_noise[name])
+    values, before = {}, filter_parameters_of(model)
+    for parameter in (p for p in CATALOGUE[name].parameters if (name, p.name) != NOT_HELD):
+        fitted = fitted_parameter(f"{name}.{parameter.name}")
+        if (x := fitted.value_in(parameters)) != fitted.value_in(before):
+            values[parameter.name] = fitted.in_catalogue_units(x - parameter.neutral, parameters)
     return with_sizes(model, name, values) if values else model
