@@ -113,11 +113,9 @@ def record_of(flight: Flight) -> Record:
     for kind, _, of_stream in streams:
         values[kinds == kind, : of_stream.shape[1]] = of_stream
     order = np.argsort(times, kind="stable")
+    gaps = np.flatnonzero(np.diff(times[order]) > LONGEST_GAP_S)
+    order = order[: gaps[0] + 1] if len(gaps) else order
     times, kinds, values = times[order], kinds[order], values[order]
-    gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP_S)
-    if len(gaps):
-        last = int(gaps[0]) + 1
-        times, kinds, values = times[:last], kinds[:last], values[:last]
     if times[-1] <= 0.0:
         raise ValueError(f"a reading, and then none for more than {LONGEST_GAP_S:g} s")
     if flight.command is None or not has_commands(flight):

@@ -70,14 +70,21 @@ class FisherInformation:
 
         ``flight`` (segments,) is that of each segment.
         """
-        own = [segment == k for k in range(len(flight))]
+        own = ((sensitivity[segment == k], white[segment == k]) for k in range(len(flight)))
+        parts = [LikelihoodScore(a.T @ a, a.T @ e, -0.5 * float(e @ e)) for a, e in own]
+        return FisherInformation.of_parts(columns, flight, parts)
+
+    @staticmethod
+    def of_parts(
+        columns: Sequence[str], flight: Ints, parts: Sequence[LikelihoodScore],
+        passes: Sequence[FilterPass] = (),
+    ) -> FisherInformation:  # fmt: skip
+        """Return that of segments with known scores; ``flight`` (segments,) is that of each."""
         return FisherInformation(
-            columns=tuple(columns),
-            flight=flight,
-            information=np.array([sensitivity[k].T @ sensitivity[k] for k in own]),
-            score=np.array([sensitivity[k].T @ white[k] for k in own]),
-            log_likelihood=np.array([-0.5 * float(white[k] @ white[k]) for k in own]),
-        )
+            tuple(columns), flight, np.array([part.information for part in parts]),
+            np.array([part.score for part in parts]), np.array([part.log_likelihood for part in parts]),
+            tuple(passes),
+        )  # fmt: skip
 
     @property
     def half_interval(self) -> float:
@@ -168,15 +175,8 @@ def fisher_information(
         return parts, passed
 
     parts, passes = zip(*in_threads(one, range(len(records))), strict=True)
-    flat = [part for flight in parts for part in flight]
-    return FisherInformation(
-        columns=names,
-        flight=np.repeat(np.arange(len(records)), [len(flight) for flight in parts]),
-        information=np.array([part.information for part in flat]),
-        score=np.array([part.score for part in flat]),
-        log_likelihood=np.array([part.log_likelihood for part in flat]),
-        passes=passes,
-    )
+    flight = np.repeat(np.arange(len(records)), [len(of_flight) for of_flight in parts])
+    return FisherInformation.of_parts(names, flight, [part for of in parts for part in of], passes)
 
 
 def _segment_terms(run: Run, steps: Array, apart: Ints, weight: Array) -> Iterator[LikelihoodScore]:

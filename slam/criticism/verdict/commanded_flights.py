@@ -227,7 +227,7 @@ def _white(channel: int, run: FilterPass) -> tuple[Array, float]:
 def outliers_of(passes: Sequence[FilterPass]) -> list[Remark]:
     """Return the channels with more rejected readings than noise explains, spikes aside."""
     found = []
-    for channel, name in ((channel, name) for channel, name in enumerate(CHANNELS) if channel != RANGE):
+    for channel, name in enumerate(CHANNELS[:RANGE]):
         status = np.concatenate([run.of_channel(channel)[2] for run in passes])
         out = int(np.count_nonzero(status == OUTLIER))
         both = out + int(np.count_nonzero(status == USED))
