@@ -111,6 +111,15 @@ def at_least_value(readings: Array) -> NDArray[np.bool_]:
     return np.repeat(long, length)
 
 
+def lowest_run(readings: Array) -> float:
+    """Return the least limit below which a long run of readings (n,) lies, so that it would show; infinite
+    without one."""
+    if len(readings) < RUN:
+        return np.inf
+    runs = np.lib.stride_tricks.sliding_window_view(readings, RUN).max(axis=1)
+    return float(np.min(runs, initial=np.inf, where=np.isfinite(runs)))
+
+
 def _runs(equal: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the begin and the length of each run of readings (n,); ``equal`` (n - 1,) tells which of them
     equal the one before."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaincinv
 
 Array = NDArray[np.float64]
 
@@ -13,6 +14,10 @@ HEALTHY_LOSS = 5e-4
 """Share of pictures that a healthy recorder may lose."""
 LOST_NATS = 9.0
 """Nats that lost pictures must reach: those of five in 500."""
+CERTAIN = 0.9
+"""Share of the cases in which a smallest size that shows is found."""
+MOST_LOST = 50
+"""Greatest number of losses that is tried for the smallest share that shows."""
 
 
 @dataclass(frozen=True)
@@ -32,3 +37,14 @@ def missing(stamps_s: Array) -> int:
     """Return the number of pictures missing in the gaps between stamps (n,)."""
     gaps = np.diff(stamps_s)
     return int(np.sum(np.maximum(np.rint(gaps / np.median(gaps)) - 1.0, 0.0)))
+
+
+def share_for(count: int, among: int) -> float:
+    """Return the share that gives at least ``count`` of ``among`` by Poisson's law in nine of ten cases."""
+    return float(gammaincinv(count, CERTAIN)) / among if among else np.inf
+
+
+def smallest_share(taken: int) -> float:
+    """Return the lost share that nine of ten flights with ``taken`` pictures show; infinite for none."""
+    each = ((n, LostPictures(n, taken + n).nats(n / max(taken + n, 1))) for n in range(1, MOST_LOST))
+    return next((share_for(count, taken) for count, nats in each if nats >= LOST_NATS), np.inf)

@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 from scipy.special import expit
-from scipy.stats import gamma
 
 from slam.core.arrays import Array
 from slam.criticism.cause import Cause, Gain, Interval
@@ -21,9 +20,10 @@ from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import RANGE, SONAR
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.thresholds import ONE_OF_ALL, parameter_cost
-from slam.data_quality.frozen import RUN, at_least_value
-from slam.data_quality.lost_pictures import HEALTHY_LOSS, LOST_NATS, LostPictures
-from slam.data_quality.pictures.highlights import are_lamps
+from slam.data_quality.frozen import at_least_value, lowest_run
+from slam.data_quality.lost_pictures import HEALTHY_LOSS, LOST_NATS, LostPictures, share_for, smallest_share
+from slam.data_quality.pictures.highlights import are_lamps, strength_of
+from slam.data_quality.pictures.moving_objects import passes_of
 from slam.data_quality.quantisation import STEP_STD_M, Quantisation, quantisation_of, strongest_step
 from slam.simulation.terms import CATALOGUE
 
@@ -37,13 +37,7 @@ ENTAILS = {"sonar_quantisation": ("sonar_noise out of range",), "sonar_spikes": 
 """Nuisance findings that an anomaly explains."""
 LIMIT_STD_M = 0.01
 NATS_A_REPEAT = 4.0
-PASS_S, LEAST_PASS = 1.0, 3
-"""Greatest time between two pictures of a moving object, and least number of them beyond chance."""
 NATS_A_PAIR = 9.0
-SATURATED = 1.5
-"""Factor from the strongest spots to a lamp's greatest strength: spots on a bright floor saturate."""
-CERTAIN = 0.9
-MOST_LOST = 50
 
 
 def cause_in_readings(
@@ -136,20 +130,14 @@ def _highlights(records: Sequence[Record]) -> list[Cause]:
     every = np.concatenate(seen)
     if not are_lamps(every):
         return []
-    strengths = every[every[:, 0] > 0, 2]
-    low, strength, high = (float(np.quantile(strengths, q)) for q in (0.5, 0.75, 0.9))
-    interval = Interval(strength, "1", 0.9 * low, SATURATED * high)
+    strength, low, high = strength_of(every)
     nats = [NATS_A_PAIR * float(np.sum(flight[:, 0] > 0)) for flight in seen]
-    return [cause_in_readings("specular_highlights", {"strength": interval}, nats)]
+    return [cause_in_readings("specular_highlights", {"strength": Interval(strength, "1", low, high)}, nats)]
 
 
 def _moving_objects(records: Sequence[Record]) -> list[Cause]:
-    passes = []
-    for record in records:
-        seen = record.matches
-        times_s = seen.moving_s if seen is not None and not seen.uneven else np.zeros(0)
-        parts = np.split(times_s, np.flatnonzero(np.diff(times_s) > PASS_S) + 1)
-        passes.append([len(part) for part in parts if len(part) >= LEAST_PASS])
+    seen = (record.matches for record in records)
+    passes = [passes_of(m.moving_s) if m is not None and not m.uneven else [] for m in seen]
     found = sum(map(len, passes))
     if found == 0:
         return []
@@ -208,28 +196,10 @@ def _sized(term: str, value: float, reach: float, least: float = 0.0) -> dict[st
 
 
 def smallest_in_readings(records: Sequence[Record]) -> dict[str, tuple[float, str]]:
-    """Return name -> size and unit of a sonar's second echoes and dead zone, and of lost pictures.
-
-    A dead zone shows where ``RUN`` successive readings lie below it; echoes and losses are Poisson counts.
-    """
-    lowest = np.inf
-    for ranges in (record.values[record.kinds == SONAR, 0] for record in records):
-        if len(ranges) >= RUN:
-            runs = np.lib.stride_tricks.sliding_window_view(ranges, RUN).max(axis=1)
-            lowest = min(lowest, float(np.min(runs, initial=np.inf, where=np.isfinite(runs))))
+    """Return name -> size and unit of a sonar's second echoes and dead zone, and of lost pictures."""
     found = {
-        "sonar_spikes": _share_for(FEWEST_SPIKES, len(ranges_of(records))),
-        "sonar_dead_zone": lowest,
-        "dropped_frames": _lost(sum(r.matches.taken for r in records if r.matches is not None)),
+        "sonar_spikes": share_for(FEWEST_SPIKES, len(ranges_of(records))),
+        "sonar_dead_zone": min(lowest_run(r.values[r.kinds == SONAR, 0]) for r in records),
+        "dropped_frames": smallest_share(sum(r.matches.taken for r in records if r.matches is not None)),
     }
     return {n: (size, CATALOGUE[n].parameters[0].unit) for n, size in found.items() if np.isfinite(size)}
-
-
-def _share_for(count: int, among: int) -> float:
-    """Return the share that gives at least ``count`` of ``among`` in nine of ten cases."""
-    return float(gamma.ppf(CERTAIN, count)) / among if among else np.inf
-
-
-def _lost(taken: int) -> float:
-    each = ((n, LostPictures(n, taken + n).nats(n / max(taken + n, 1))) for n in range(1, MOST_LOST))
-    return next((_share_for(count, taken) for count, nats in each if nats >= LOST_NATS), np.inf)

@@ -46,6 +46,9 @@ FEWEST_PAIRS, MOSTLY = 6, 0.6
 spots. The ratio was 0.2 to 0.3 for boxes and moving objects, and 0.9 or more for lamps; healthy pictures have
 no spots."""
 
+SATURATED = 1.5
+"""Factor from the strongest spots to a lamp's greatest strength: spots on a bright floor saturate."""
+
 
 @dataclass(frozen=True)
 class Spots:
@@ -64,6 +67,12 @@ def are_lamps(found: Array) -> bool:
     spots in each pair of pictures."""
     lagging, otherwise = (int(np.sum(found[:, k] > 0)) for k in (0, 1))
     return lagging >= FEWEST_PAIRS and lagging >= MOSTLY * otherwise
+
+
+def strength_of(found: Array) -> tuple[float, float, float]:
+    """Return a lamp's strength and the ends of its interval, from spots (k, 3) with strengths."""
+    low, strength, high = np.quantile(found[found[:, 0] > 0, 2], [0.5, 0.75, 0.9]).tolist()
+    return strength, 0.9 * low, SATURATED * high
 
 
 def dimmed(image: Image) -> Image:

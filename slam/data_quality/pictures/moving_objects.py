@@ -30,6 +30,8 @@ LEAST_SEEN = 0.2
 LEAST_AREA = 0.005
 """Smallest area of a moving object, as a share of the picture. Over floors of two generators none of 900
 healthy pairs exceeded it; objects as large as a third of the picture exceeded it in two pairs of three."""
+PASS_S, LEAST_PASS = 1.0, 3
+"""Greatest time between two pictures of a moving object, and least number of them beyond chance."""
 
 
 def has_moving_object(small_i: Image, laid: Overlaid, camera: Camera) -> bool:
@@ -49,6 +51,12 @@ def has_moving_object(small_i: Image, laid: Overlaid, camera: Camera) -> bool:
     there_and_back = ahead + _taken(_flow(other, own), ahead)
     moves &= np.linalg.norm(there_and_back, axis=2) < BACK * small_i.shape[1]
     return bool(_largest(moves) >= LEAST_AREA * moves.size)
+
+
+def passes_of(times_s: NDArray[np.float64]) -> list[int]:
+    """Return the number of pictures of each object, from the stamps (n,) of all pictures of moving ones."""
+    parts = np.split(times_s, np.flatnonzero(np.diff(times_s) > PASS_S) + 1)
+    return [len(part) for part in parts if len(part) >= LEAST_PASS]
 
 
 def _flow(a: Light, b: Light) -> Light:

@@ -12,13 +12,12 @@ from slam.criticism.kalman.innovations import referred, whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.residuals.reading_anomalies import (
-    _lost,
     reading_anomalies,
     smallest_in_readings,
     without_dead_zone,
 )
 from slam.criticism.search.expansion import expand
-from slam.data_quality.lost_pictures import LOST_NATS, LostPictures
+from slam.data_quality.lost_pictures import LOST_NATS, LostPictures, smallest_share
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -67,7 +66,7 @@ def test_a_dead_zone_shows_from_that_limit_on(record):
 
 @pytest.mark.parametrize("taken", [150, 2000])
 def test_pictures_lost_at_that_share_are_detected_in_nine_of_ten_cases(taken):
-    share = _lost(taken)
+    share = smallest_share(taken)
     lost = np.random.default_rng(1).poisson(share * taken, 2000)
     reported = [
         n > 0 and LostPictures(n, taken + n).nats(n / (taken + n)) >= LOST_NATS for n in lost.tolist()
