@@ -16,7 +16,7 @@ from slam.criticism.search.search import search
 from slam.criticism.verdict.commanded_flights import explain
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.judge import judge
-from slam.criticism.verdict.sentence import unusable
+from slam.criticism.verdict.sentence import unusable, with_sentences
 from slam.criticism.without_commands.explanation import explain_comparisons
 from slam.data_quality import (
     axes_of_all,
@@ -50,26 +50,22 @@ def criticise(
     if not why and axes_of_all([without_dead_streams(flight)[0] for flight in flights])[0]:
         why = WRONG_AXES
     with threadpool_limits(1), show_compilation(progress):
-        known = flights, nominal, progress, noise
+        known = flights, nominal, progress
         found = _by_instruments(*known, why) if why else _with_commands(*known)
-    return replace(found, dropped=(*repeated, *found.dropped))
+    return with_sentences(replace(found, dropped=(*repeated, *found.dropped)), noise)
 
 
-def _with_commands(
-    flights: Sequence[Flight], model: Model, progress: Progress, noise: tuple[str, ...]
-) -> Criticism:
+def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
     """Return the verdict on flights with command logs."""
     flights, readings = without_frozen(flights)
     prepared = prepare(flights, model, progress)
     if not prepared.records:
         return unusable(prepared.dropped or ["no flights"], prepared.dropped)
     found = search(prepared.records, prepared.nominal, prepared.limits, progress)
-    return judge(explain(prepared, found, readings, model, progress), noise)
+    return judge(explain(prepared, found, readings, model, progress))
 
 
-def _by_instruments(
-    flights: Sequence[Flight], model: Model, progress: Progress, noise: tuple[str, ...], why: str
-) -> Criticism:
+def _by_instruments(flights: Sequence[Flight], model: Model, progress: Progress, why: str) -> Criticism:
     """Return the verdict on flights whose instruments alone are compared, for the reason ``why``."""
     clean = [without_dead_streams(flight) for flight in flights]
     dropped = [f"{flight.name}: {reason}" for flight, reasons in clean for reason in reasons]
@@ -77,5 +73,5 @@ def _by_instruments(
     compared = explain_comparisons(kept, readings, model, why, progress)
     if compared is None:
         return unusable([f"{why}, and {NOTHING_TO_COMPARE}", *dropped], dropped)
-    criticism = judge(compared, noise)
+    criticism = judge(compared)
     return replace(criticism, dropped=(*dropped, *criticism.dropped))

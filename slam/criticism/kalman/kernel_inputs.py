@@ -1,9 +1,4 @@
-"""Arguments of the filter's kernels: record, parameters and perturbations as flat arrays, and buffers.
-
-The filter computes the sensitivity of the innovations to each perturbation of its parameters. One changes a
-parameter of the equations or of an instrument, or the delay of the command, or injects a signal into a
-channel, a target or a force. Sensitivities are per unit of the own parameter.
-"""
+"""Arguments of the filter's kernels: record, parameters and perturbations as flat arrays, and buffers."""
 
 from __future__ import annotations
 
@@ -54,7 +49,7 @@ JITTER_REACH, LARGE_JUMP = 3.0, 0.03
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One change of the filter parameters."""
+    """One change of the filter parameters; sensitivities to it are per unit of its own parameter."""
 
     name: str
     kind: Kind

@@ -26,7 +26,6 @@ from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
 from slam.criticism.verdict.held_out import CONFIRMED_NATS, HeldOut, held_out
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, posterior_of
 from slam.criticism.verdict.rollout_fit import FREE, RolloutFit
-from slam.criticism.verdict.sentence import with_sentences
 from slam.data_quality.finding import Finding, Remark
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
@@ -120,8 +119,8 @@ class Evidence(ABC):
         return tuple(causes)
 
 
-def judge(evidence: Evidence, noise: tuple[str, ...] = ()) -> Criticism:
-    """Return the criticism of a model by the evidence of flights; ``noise``: sentences on misstated noise.
+def judge(evidence: Evidence) -> Criticism:
+    """Return the criticism of a model by the evidence of flights, still without its sentences.
 
     Terms that predict held-out flights worse are withdrawn, first what gains least without its best part.
     """
@@ -136,16 +135,14 @@ def judge(evidence: Evidence, noise: tuple[str, ...] = ()) -> Criticism:
     beyond += [*evidence.findings(judged), *(pattern for pattern in left[:1] if pattern.z > pattern_z)]
     verdict, equivalents, findings = decide(causes, posterior.probability, beyond, left[:1])
     probability = posterior.probability | {c.name: c.probability for c in causes}
-    criticism = evidence.completed(
+    return evidence.completed(
         Criticism(
             verdict=verdict, causes=causes, equivalence_set=equivalents, findings=findings,
             detectable=found.first.detectable(limits.effects), confusable=found.first.confusable(),
             ranking=ranking(found, probability, evidence.anomalies), patterns=tuple(left[:SHOWN_PATTERNS]),
             threshold=limits.effects, threshold_means=limits.meaning, model=evidence.model,
-            noise=noise,
         )
     )  # fmt: skip
-    return criticism if criticism.verdict == "unusable" else with_sentences(criticism)
 
 
 def _judged(evidence: Evidence) -> JudgedCauses:

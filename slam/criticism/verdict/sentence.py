@@ -19,10 +19,12 @@ MOST_SENTENCES = 3
 """Greatest number of sentences of a headline."""
 
 
-def with_sentences(found: Criticism) -> Criticism:
-    """Return the criticism with its headline and its details."""
-    lines = filter(None, (*found.noise, found.not_shown))
-    return replace(found, sentence=headline(found), details=(*details(found), *lines))
+def with_sentences(found: Criticism, noise: tuple[str, ...]) -> Criticism:
+    """Return the criticism of judged flights with its headline and its details, ``noise`` among them."""
+    if found.verdict == "unusable":
+        return found
+    lines = (*details(found), *noise, *filter(None, [found.not_shown]))
+    return replace(found, sentence=headline(found), details=lines, noise=noise)
 
 
 def headline(found: Criticism) -> str:

@@ -141,7 +141,6 @@ def test_causes_that_predict_held_out_flights_worse_are_withdrawn(monkeypatch, m
     certain = Posterior({SOMETHING_ELSE: 0.0, NOTHING: 0.0} | dict.fromkeys(both, 1.0))
     no_alternatives: list[tuple[str, ...]] = []
     monkeypatch.setattr(judge, "posterior_of", lambda found, gone: no_alternatives.append(gone) or certain)
-    monkeypatch.setattr(judge, "with_sentences", lambda found: found)
     told = judge.judge(
         Predicted(
             found=found, posterior=certain, limits=load_thresholds(), anomalies=(), readings=(), model=None,
