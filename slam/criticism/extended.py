@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import reduce
 
 import numpy as np
 
+from slam.core.arrays import Array
 from slam.criticism.cause import Cause
 from slam.criticism.kalman.filter_parameters import (
     HOLD_NOISES,
@@ -15,8 +16,6 @@ from slam.criticism.kalman.filter_parameters import (
     NOISE_FIGURES,
     FilterParameters,
     filter_parameters_of,
-    noise_figures_of,
-    with_figures,
 )
 from slam.criticism.kalman.readings import DATUM, IMU, INSTRUMENT_CHANNELS, place_of
 from slam.criticism.kalman.record import Record
@@ -37,7 +36,7 @@ NOT_HELD = "exposure_variation", "tau"
 def with_terms(model: Model, found: Iterable[Cause]) -> Model:
     """Return the model with the terms that were found, at their sizes."""
     for one in found:
-        model = with_sizes(model, one.name, {n: p.value for n, p in one.parameters.items()})
+        model = model.with_sizes(one.name, {n: p.value for n, p in one.parameters.items()})
     return model
 
 
@@ -55,17 +54,17 @@ def extended_model(
         *_noise(model, parameters, records),
     )  # fmt: skip
     name = f"{model.name.removesuffix(_EXTENDED)[: 80 - len(_EXTENDED)]}{_EXTENDED}"
-    plain = replace(with_figures(model, names, values), name=name)
+    plain = replace(model.with_figures(names, values), name=name)
     return reduce(lambda known, name: _with(known, name, parameters), causes, plain)
 
 
-def _noise(model: Model, parameters: FilterParameters, records: Sequence[Record]) -> list[float]:
+def _noise(model: Model, parameters: FilterParameters, records: Sequence[Record]) -> Array:
     """Return the noise of each of ``INSTRUMENTS`` (of the imu its density), as fitted to the flights.
 
     The model's own figure stands where no flight has the instrument, and for an out-of-model vehicle: there
     the parameters state the trust in readings, not their scatter.
     """
-    own = noise_figures_of(model)
+    own = model.figures(NOISE_FIGURES)
     if parameters.out_of_model:
         return own
     for k, channels in enumerate(INSTRUMENT_CHANNELS):
@@ -89,13 +88,6 @@ def with_certainty(model: Model, causes: Sequence[Cause]) -> Model:
     return model
 
 
-def with_sizes(model: Model, name: str, values: Mapping[str, float]) -> Model:
-    """The model with a term, its parameters kept within what its equation bears."""
-    limits = {p.name: p for p in CATALOGUE[name].parameters}
-    kept = {k: min(max(v, limits[k].least), limits[k].most) for k, v in values.items()}
-    return model.with_term(name, **kept)
-
-
 def _with(model: Model, name: str, parameters: FilterParameters) -> Model:
     """Return the model with a term as the filter parameters hold it."""
     by_noise = {
@@ -104,10 +96,10 @@ def _with(model: Model, name: str, parameters: FilterParameters) -> Model:
         "attitude_lag": {"tau": float(parameters.dynamics[ATTITUDE_TIME])},
     }
     if name in by_noise:
-        return with_sizes(model, name, by_noise[name])
+        return model.with_sizes(name, by_noise[name])
     values, before = {}, filter_parameters_of(model)
     for parameter in (p for p in CATALOGUE[name].parameters if (name, p.name) != NOT_HELD):
         fitted = fitted_parameter(f"{name}.{parameter.name}")
         if (x := fitted.value_in(parameters)) != fitted.value_in(before):
             values[parameter.name] = fitted.in_catalogue_units(x - parameter.neutral, parameters)
-    return with_sizes(model, name, values) if values else model
+    return model.with_sizes(name, values) if values else model

@@ -13,7 +13,7 @@ from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.reprojection import without_mismatched_pairs
 from slam.criticism.cause import Cause
-from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of, noise_figures_of
+from slam.criticism.kalman.filter_parameters import NOISE_FIGURES, FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.readings import CHANNELS, IMU, STREAMS, by_channel, channels_of
 from slam.criticism.kalman.record import LONGEST_GAP_S, Record, record_of
@@ -130,9 +130,8 @@ def is_out_of_model(records: Sequence[Record], model: Model) -> bool:
 
 def _models_noise_std(model: Model) -> Array:
     """Return (channels,) standard deviations of one reading of the model's own instruments."""
-    figures = noise_figures_of(model)
-    # Those of the imu are densities.
-    figures[:2] = [np.sqrt(model.imu.rate_hz) * density for density in figures[:2]]
+    figures = model.figures(NOISE_FIGURES)
+    figures[:2] *= np.sqrt(model.imu.rate_hz)  # those of the imu are densities
     return by_channel(*figures)
 
 

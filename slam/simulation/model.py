@@ -7,7 +7,7 @@ Keys that a file leaves out have the values of the nominal model.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from difflib import get_close_matches
 from importlib import resources
@@ -118,6 +118,26 @@ class Model:
         terms = {**self.terms, term: {**self.terms.get(term, {}), **values}}
         changed = replace(self, terms=terms)
         check_model(changed, f"model {self.name!r}")
+        return changed
+
+    def with_sizes(self, term: str, values: Mapping[str, float]) -> Model:
+        """Return this model with a term, its parameters kept within what its equation bears."""
+        limits = {p.name: p for p in CATALOGUE[term].parameters}
+        kept = {k: min(max(v, limits[k].least), limits[k].most) for k, v in values.items()}
+        return self.with_term(term, **kept)
+
+    def figures(self, names: Sequence[str]) -> Array:
+        """Return numbers (n,) of sections, ``SECTION.KEY``, in radians where the name states degrees."""
+        values = [float(getattr(getattr(self, s), key)) for s, key in (name.split(".") for name in names)]
+        return np.where(["_deg" in name for name in names], np.radians(values), values)
+
+    def with_figures(self, names: Sequence[str], values: Iterable[float]) -> Model:
+        """Return this model with other numbers, as ``figures`` returns them."""
+        changed = self
+        for name, value in zip(names, values, strict=True):
+            section, key = name.split(".")
+            own = {key: float(np.degrees(value) if "_deg" in name else value)}
+            changed = replace(changed, **{section: replace(getattr(changed, section), **own)})
         return changed
 
     def known_to(self, term: str) -> float | None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -72,48 +71,22 @@ HOLD_NOISES = (
 """The first entries of ``transition.HOLD``; those of gusts are a term's."""
 
 
-def figure_of(model: Model, name: str) -> float:
-    """Return a number of a model's section, in radians if its name states degrees."""
-    section, _, field_name = name.partition(".")
-    value = float(getattr(getattr(model, section), field_name))
-    return float(np.radians(value)) if "_deg" in name else value
-
-
-def noise_figures_of(model: Model) -> list[float]:
-    """Return a model's ``NOISE_FIGURES`` in SI units."""
-    return [figure_of(model, name) for name in NOISE_FIGURES]
-
-
-def with_figures(model: Model, names: Sequence[str], values: Iterable[float]) -> Model:
-    """Return a model with other numbers, as ``figure_of`` returns them."""
-    for name, value in zip(names, values, strict=True):
-        section, _, field_name = name.partition(".")
-        own = {field_name: float(np.degrees(value) if "_deg" in name else value)}
-        model = replace(model, **{section: replace(getattr(model, section), **own)})
-    return model
-
-
 def filter_parameters_of(model: Model) -> FilterParameters:
     """Return the filter parameters of a model, without the terms that act by chance alone."""
-    sensor = np.zeros(len(SENSOR))
-    for k, name in enumerate(SENSOR):
-        term, _, parameter = name.partition(".")
-        if term in CATALOGUE:
-            sensor[k] = model.value(term, parameter)
+    own = (name.split(".") for name in SENSOR)
+    sensor = np.array([model.value(*entry) if entry[0] in CATALOGUE else 0.0 for entry in own])
     sensor[DATUM] = model.sonar.datum_m
     camera = np.array([model.value(*name.split(".")) for name in CAMERA])
     camera[list(SQUARES)] **= 2
     return FilterParameters(
         dynamics=model.parameters(),
         sensor=sensor,
-        hold=np.array(
-            [*(figure_of(model, name) for name in HOLD_NOISES), *model.vector("gusts", "sigma", "tau")]
-        ),
+        hold=np.concatenate([model.figures(HOLD_NOISES), model.vector("gusts", "sigma", "tau")]),
         noise_factor=np.ones(len(CHANNELS)),
         latency_s=model.value("control_latency", "T"),
         drift=1e-6 * model.value("clock_drift", "ppm"),
         jitter_s=model.value("timestamp_jitter", "sigma"),
-        noise_correlation=np.array([figure_of(model, name) for name in NOISE_CORRELATIONS]),
+        noise_correlation=model.figures(NOISE_CORRELATIONS),
         camera=camera,
     )
 

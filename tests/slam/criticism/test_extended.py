@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.extended import extended_model, with_sizes
+from slam.criticism.extended import extended_model
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import by_channel
 from slam.criticism.kalman.record import record_of
@@ -47,4 +47,4 @@ def test_an_out_of_model_vehicle_and_a_missing_instrument_keep_the_models_noise(
 
 
 def test_a_count_beyond_what_the_equation_bears_is_no_error():
-    assert with_sizes(NOMINAL, "moving_objects", {"count": 60.0}).value("moving_objects", "count") == 50.0
+    assert NOMINAL.with_sizes("moving_objects", {"count": 60.0}).value("moving_objects", "count") == 50.0
