@@ -28,12 +28,12 @@ from slam.criticism.search.information import fisher_information
 from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.posterior import Posterior
-from slam.criticism.without_commands.likelihood import begin_of, likelihood_of, picture_rows
+from slam.criticism.without_commands.likelihood import likelihood_of, picture_rows
 from slam.criticism.without_commands.sensor_comparison import airborne_record, with_free_motion
 from slam.data_quality.pictures.cells import CELL_STEPS, Cells
 from slam.data_quality.pictures.feature_matches import MATCHES, STEPS, FeatureMatches
 from slam.data_quality.pictures.tones import FEWEST as FEWEST_POINTS
-from slam.data_quality.whitened_rows import WhitenedRows, inertial_residuals
+from slam.data_quality.whitened_rows import WhitenedRows, begin_of, inertial_residuals, noise_of
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight, simulate_readings
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
@@ -142,7 +142,7 @@ def next_motion(
     _, plain = maximum.of(effect.columns, white=True)
     wider = float(np.sqrt(np.max(np.diag(error) / np.diag(plain))))
     parameters = with_free_motion(filter_parameters_of(model))
-    noise, beside = _noise(rows), [*(e for e in found.chosen if not e.repeats(effect)), other]
+    noise, beside = noise_of(rows), [*(e for e in found.chosen if not e.repeats(effect)), other]
 
     def sigma(name: str) -> float:
         times = int(np.ceil(SHORTEST_S / _took_s(name)))  # a short motion is repeated
@@ -158,7 +158,7 @@ def next_motion(
         planned = [r for r in rows if r.kind in noise]
         if not planned:
             return 0.0
-        finer = _noise([planned])
+        finer = noise_of([planned])
         # A row weighs by the ratio of its precision to that of the flights at hand.
         each = [(r, finer[r.kind] / noise[r.kind]) for r in planned]
         weighed = [replace(r, traces={n: w * x for n, x in r.traces.items()}, off=w * r.off) for r, w in each]
@@ -170,14 +170,6 @@ def next_motion(
         return separation(expansion, effect, others, size) / wider / float(np.sqrt(times))
 
     return _best_motion(rivals[0], rivals[1], [*MANOEUVRES, *HANDHELD_MOTIONS], sigma, progress)
-
-
-def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:
-    """Return kind of comparison -> root mean square noise of its differences."""
-    squares: dict[str, list[float]] = {}
-    for found in (r for flight in rows for r in flight):
-        squares.setdefault(found.kind, []).append(found.noise**2)
-    return {kind: float(np.sqrt(np.mean(of))) for kind, of in squares.items()}
 
 
 def _took_s(name: str) -> float:

@@ -321,3 +321,20 @@ class Averages:
     def column(self, name: str) -> int:
         """Return the index of a column in the table; of a scale, that of the integrated quantity."""
         return 1 + self.names.index(name + INTEGRATED if name + INTEGRATED in self.names else name)
+
+    def ahead(self, horizon_s: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Return (m, 1 + columns) by how much the table misses what it predicts a horizon ahead, from each of
+        the first m moments, and (m,) whether there are readings all the while.
+
+        A second integral is predicted from the moment and from the middle of the horizon.
+        """
+        ahead = round(horizon_s / NODE_S)
+        last = len(self.times_s) - ahead
+        if last < 1 or ahead % self.order:
+            return self.table[:0], self.whole[:0]
+        lost = np.concatenate([[0], np.cumsum(~self.whole)])
+        kept = (lost[ahead + 1 :] == lost[:last]) & (self.pause[ahead:] == self.pause[:last])
+        apart = self.table[ahead:] - self.table[:last]
+        if self.order == 2:
+            apart -= 2.0 * (self.table[ahead // 2 : last + ahead // 2] - self.table[:last])
+        return apart, kept

@@ -28,6 +28,7 @@ from slam.data_quality.inertial_comparison import (
     imu_of,
     moments_of,
     near_floor,
+    segment_numbers,
     with_finite_imu,
 )
 from slam.data_quality.lag import PROMPT, Lag
@@ -93,6 +94,33 @@ def table_of(rows: FlightRows, columns: Sequence[str]) -> Array:
     for k, name in enumerate(columns):
         table[:, k] = np.concatenate([r.traces.get(name, np.zeros(len(r.off))) for r in every])
     return table
+
+
+def begin_of(rows: Sequence[WhitenedRows], otherwise_s: float = 0.0) -> float:
+    """Return the first moment of a flight's comparisons, from which its segments are counted.
+
+    Stamps begin anywhere: segments from a fixed second would differ between copies of one recording.
+    """
+    return min((float((r.averages or r).times_s[0]) for r in rows), default=otherwise_s)
+
+
+def segments_of(rows: FlightRows, segment_s: float, before_s: float = 0.0) -> tuple[Ints, Array, Ints]:
+    """Return (segments, 2) flight and number, (segments,) begin in s, and (rows,) the segment of each row.
+    The first segments begin ``before_s`` before the flights."""
+    begin_s = np.array([begin_of(found) - before_s for found in rows])
+    flight = np.concatenate([np.full(len(r.off), k) for k, found in enumerate(rows) for r in found])
+    times_s = np.concatenate([r.times_s for found in rows for r in found])
+    number = segment_numbers(times_s, begin_s[flight], segment_s)
+    labels, segment = np.unique(np.column_stack([flight, number]), axis=0, return_inverse=True)
+    return labels, begin_s[labels[:, 0]] + segment_s * labels[:, 1], segment
+
+
+def noise_of(rows: FlightRows) -> dict[str, float]:
+    """Return kind of comparison -> root mean square noise of its differences."""
+    squares: dict[str, list[float]] = {}
+    for found in (r for flight in rows for r in flight):
+        squares.setdefault(found.kind, []).append(found.noise**2)
+    return {kind: float(np.sqrt(np.mean(of))) for kind, of in squares.items()}
 
 
 def whitened_rows(

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.core.arrays import Array, Ints
+from slam.core.arrays import Array
 from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.lens import WARP_TOLERANCE, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
@@ -28,7 +28,7 @@ from slam.criticism.search.search import SearchResult
 from slam.data_quality.comparison_derivatives import SMOOTHING
 from slam.data_quality.finding import Remark
 from slam.data_quality.inertial_comparison import segment_numbers
-from slam.data_quality.whitened_rows import FlightRows, WhitenedRows, columns_of, table_of
+from slam.data_quality.whitened_rows import FlightRows, WhitenedRows, columns_of, segments_of, table_of
 from slam.simulation.terms import CATALOGUE
 
 Sizes = Mapping[str, float]
@@ -61,25 +61,6 @@ def direction(column: str) -> Perturbation:
     if column.endswith(SMOOTHING):
         return Perturbation(column, "channel")
     return fitted_parameter(column).perturbation
-
-
-def begin_of(rows: Sequence[WhitenedRows], otherwise_s: float = 0.0) -> float:
-    """Return the first moment of a flight's comparisons, from which its segments are counted.
-
-    Stamps begin anywhere: segments from a fixed second would differ between copies of one recording.
-    """
-    return min((float((r.averages or r).times_s[0]) for r in rows), default=otherwise_s)
-
-
-def segments_of(rows: FlightRows, segment_s: float, before_s: float = 0.0) -> tuple[Ints, Array, Ints]:
-    """Return (segments, 2) flight and number, (segments,) begin in s, and (rows,) the segment of each row.
-    The first segments begin ``before_s`` before the flights."""
-    begin_s = np.array([begin_of(found) - before_s for found in rows])
-    flight = np.concatenate([np.full(len(r.off), k) for k, found in enumerate(rows) for r in found])
-    times_s = np.concatenate([r.times_s for found in rows for r in found])
-    number = segment_numbers(times_s, begin_s[flight], segment_s)
-    labels, segment = np.unique(np.column_stack([flight, number]), axis=0, return_inverse=True)
-    return labels, begin_s[labels[:, 0]] + segment_s * labels[:, 1], segment
 
 
 def fisher_of(

@@ -29,15 +29,17 @@ from slam.criticism.residuals.reading_anomalies import reading_anomalies, withou
 from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.held_out import parts_of
-from slam.criticism.without_commands.likelihood import Sizes, begin_of, picture_rows, segments_of
-from slam.data_quality.inertial_comparison import NODE_S, Averages, near_floor, segment_numbers
+from slam.criticism.without_commands.likelihood import Sizes, picture_rows
+from slam.data_quality.inertial_comparison import Averages, near_floor, segment_numbers
 from slam.data_quality.lag import Lag
 from slam.data_quality.pictures.feature_matches import FeatureMatches, match_all_pictures
 from slam.data_quality.whitened_rows import (
     FlightRows,
     WhitenedRows,
+    begin_of,
     inertial_residuals,
     lags_of,
+    segments_of,
 )
 from slam.simulation.model import Model
 from slam.simulation.replay.compare import HORIZONS_S
@@ -162,20 +164,12 @@ def _errors_of(
 ) -> Array:
     """Return errors (n, 2) before and after, from every moment whose horizon lies within one part. ``sizes``
     are those of each ``segment`` (moments,)."""
-    ahead = round(horizon_s / NODE_S)
-    last = len(averages.times_s) - ahead
-    if last < 1 or ahead % averages.order:
-        return np.zeros((0, 2))
-    lost = np.concatenate([[0], np.cumsum(~averages.whole)])
-    kept = (lost[ahead + 1 :] == lost[:last]) & (averages.pause[ahead:] == averages.pause[:last])
-    kept &= whole_flight | (segment[ahead:] == segment[:last])
-    kept &= np.isin(segment[:last], list(sizes))
-    apart = averages.table[ahead:] - averages.table[:last]
-    if averages.order == 2:
-        apart -= 2.0 * (averages.table[ahead // 2 : last + ahead // 2] - averages.table[:last])
-    explained = np.zeros(last)
+    apart, kept = averages.ahead(horizon_s)
+    begin, end = segment[: len(kept)], segment[len(segment) - len(kept) :]
+    kept = kept & (whole_flight | (begin == end)) & np.isin(begin, list(sizes))
+    explained = np.zeros(len(kept))
     for number, of in sizes.items():
-        own = segment[:last] == number
         for name, size in of.items():
-            explained[own] += size * apart[own, averages.column(name)] if name in averages.names else 0.0
+            if name in averages.names:
+                explained[begin == number] += size * apart[begin == number, averages.column(name)]
     return np.asarray(np.column_stack([apart[:, 0], apart[:, 0] - explained])[kept])

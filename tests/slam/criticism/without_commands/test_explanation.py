@@ -9,8 +9,8 @@ import pytest
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.without_commands.explanation import search_linear
-from slam.criticism.without_commands.likelihood import likelihood_of, segments_of
-from slam.data_quality.whitened_rows import WhitenedRows
+from slam.criticism.without_commands.likelihood import likelihood_of
+from slam.data_quality.whitened_rows import WhitenedRows, segments_of
 from slam.simulation.model import load_model
 
 SEGMENTS, ROWS = 12, 60
