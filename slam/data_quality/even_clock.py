@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,9 @@ BLOCK = 25
 MOST_WANDER = 0.6
 """Greatest ratio of the scatter of block means to that of single stamps. Lost readings and a wandering clock
 have 1; independent jitter has at most 0.4, even in order of arrival."""
+SLOW = 3.0
+"""Least period in scatters. Stamps of a faster stream overtake one another, and their offsets in sorted order
+are smaller than the jitter."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,16 @@ def stamp_offsets(times_s: Array) -> StampOffsets | None:
     edges = np.flatnonzero(np.diff(times_s) > LONG_GAP * period_s) + 1
     off_s = np.concatenate([_off_s(part) for part in np.split(times_s, edges)])
     return StampOffsets(period_s, off_s) if np.isfinite(off_s).any() else None
+
+
+def jitter_of(streams: Sequence[StampOffsets]) -> tuple[float, float]:
+    """Return the jitter's standard deviation and its standard error, from streams with long periods, or from
+    the slowest stream."""
+    slow = [s for s in streams if s.period_s > SLOW * s.scatter_s]
+    slow = slow or [max(streams, key=lambda s: s.period_s)]
+    square = np.concatenate([s.off_s[np.isfinite(s.off_s)] for s in slow]) ** 2
+    sigma = float(np.sqrt(square.mean()))
+    return sigma, float(square.std() / np.sqrt(len(square))) / (2.0 * sigma)
 
 
 def _off_s(times_s: Array) -> Array:

@@ -25,7 +25,7 @@ from slam.criticism.residuals.reading_anomalies import cause_in_readings, predic
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT
 from slam.data_quality.boxes import RangeResiduals, find_boxes, nats_by_others, share_over
-from slam.data_quality.even_clock import LEAST_SCATTER_S, StampOffsets, stamp_offsets
+from slam.data_quality.even_clock import LEAST_SCATTER_S, StampOffsets, jitter_of, stamp_offsets
 from slam.simulation.dynamics import PITCH, ROLL, UP, VX, VY, VZ, X, Y, Z
 
 LOWEST_M = 0.3
@@ -75,11 +75,6 @@ def range_residuals(record: Record, parameters: FilterParameters) -> RangeResidu
     return RangeResiduals(rows, times_s, off_m, motion, upright)
 
 
-SLOW = 3.0
-"""Least period in scatters. Stamps of a faster stream overtake one another, and their offsets in sorted order
-are smaller than the jitter."""
-
-
 def without_jitter(records: list[Record], parameters: FilterParameters) -> tuple[list[Record], list[Cause]]:
     """Return the records at the even times of their streams, and the jitter, if the readings fit these times.
 
@@ -96,7 +91,10 @@ def without_jitter(records: list[Record], parameters: FilterParameters) -> tuple
             times_s[record.kinds == kind] -= np.nan_to_num(stamps.off_s)
         even.append(in_order(record, times_s, record.kinds, record.values, record.landing))
     nats = _nats(even, parameters) - _nats(records, parameters)
-    found = cause_in_readings("timestamp_jitter", {"sigma": _scatter(scattered)}, tuple(nats.tolist()))
+    sigma, std = jitter_of(scattered)
+    reach = math.hypot(1.96 * std, MISFIT * sigma)
+    size = Interval(sigma, "s", max(sigma - reach, 0.0), sigma + reach)
+    found = cause_in_readings("timestamp_jitter", {"sigma": size}, tuple(nats.tolist()))
     if found.probability < SURE:
         return records, []
     return in_threads(lambda record: referred(record, parameters), even), [found]
@@ -112,15 +110,3 @@ def _streams(record: Record) -> dict[int, StampOffsets]:
     """Return the streams with an even clock, by kind."""
     found = {k: stamp_offsets(record.times_s[record.kinds == k]) for k in np.unique(record.kinds).tolist()}
     return {kind: offsets for kind, offsets in found.items() if offsets is not None}
-
-
-def _scatter(streams: Sequence[StampOffsets]) -> Interval:
-    """Return the jitter's standard deviation from streams with long periods, or from the slowest stream."""
-    slow = [s for s in streams if s.period_s > SLOW * s.scatter_s]
-    slow = slow or [max(streams, key=lambda s: s.period_s)]
-    off_s = np.concatenate([s.off_s[np.isfinite(s.off_s)] for s in slow])
-    square = off_s**2
-    sigma = float(np.sqrt(square.mean()))
-    chance = 1.96 * float(square.std() / np.sqrt(len(square))) / (2.0 * sigma)
-    reach = float(np.hypot(chance, MISFIT * sigma))
-    return Interval(sigma, "s", max(sigma - reach, 0.0), sigma + reach)
