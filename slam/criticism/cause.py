@@ -22,6 +22,8 @@ JUDGED_HORIZON_S = 2.0
 NOT_AHEAD_S = 0.0
 """Horizon of errors that no roll-out makes: those from one picture to another."""
 DRAWS = 4000
+WIDE = 1.96
+"""Half of a 95 % interval, in standard deviations."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from functools import reduce
 import numpy as np
 
 from slam.core.arrays import Array
-from slam.criticism.cause import Cause
+from slam.criticism.cause import WIDE, Cause
 from slam.criticism.kalman.filter_parameters import (
     HOLD_NOISES,
     NOISE_CORRELATIONS,
@@ -25,8 +25,6 @@ from slam.simulation.dynamics import ATTITUDE_TIME, DRAG, GAIN
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
-_WIDTH = 2 * 1.96
-"""Width of a 95 % interval in standard deviations."""
 _EXTENDED = " extended"
 """Suffix of the extended model's name. A name has at most 80 letters."""
 NOT_HELD = "exposure_variation", "tau"
@@ -82,7 +80,7 @@ def with_certainty(model: Model, causes: Sequence[Cause]) -> Model:
     """Return the model with the standard deviations from the causes' intervals."""
     for cause in causes:
         current = model.terms.get(cause.name, {})
-        std = {n: (p.high - p.low) / _WIDTH for n, p in cause.parameters.items() if n in current}
+        std = {n: 0.5 * (p.high - p.low) / WIDE for n, p in cause.parameters.items() if n in current}
         known = {n: float(s) for n, s in std.items() if np.isfinite(s) and s > 0.0}
         model = model.with_std(cause.name, **known) if known else model
     return model

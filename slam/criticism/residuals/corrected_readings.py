@@ -16,7 +16,7 @@ import numpy as np
 
 from frontend.cores import in_threads
 from slam.core.arrays import Array
-from slam.criticism.cause import SURE, Cause, Interval
+from slam.criticism.cause import SURE, WIDE, Cause, Interval
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import referred, whole
 from slam.criticism.kalman.readings import SONAR
@@ -44,8 +44,8 @@ def without_boxes(records: list[Record], parameters: FilterParameters) -> tuple[
     std = math.hypot(float(heights.std()), boxes[0].noise.std_m) / math.sqrt(len(heights))
     spread = math.sqrt(share * (1.0 - share) / len(heights))
     sizes = {
-        "height": Interval(height, "m", height - 1.96 * std, height + 1.96 * std),
-        "share": Interval(share, "1", max(share - 1.96 * spread, 0.0), min(share + 1.96 * spread, 1.0)),
+        "height": Interval(height, "m", height - WIDE * std, height + WIDE * std),
+        "share": Interval(share, "1", max(share - WIDE * spread, 0.0), min(share + WIDE * spread, 1.0)),
     }
     levelled = []
     for record, found in zip(records, boxes, strict=True):
@@ -92,7 +92,7 @@ def without_jitter(records: list[Record], parameters: FilterParameters) -> tuple
         even.append(in_order(record, times_s, record.kinds, record.values, record.landing))
     nats = _nats(even, parameters) - _nats(records, parameters)
     sigma, std = jitter_of(scattered)
-    reach = math.hypot(1.96 * std, MISFIT * sigma)
+    reach = math.hypot(WIDE * std, MISFIT * sigma)
     size = Interval(sigma, "s", max(sigma - reach, 0.0), sigma + reach)
     found = cause_in_readings("timestamp_jitter", {"sigma": size}, tuple(nats.tolist()))
     if found.probability < SURE:

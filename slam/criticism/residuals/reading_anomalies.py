@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import expit
 
 from slam.core.arrays import Array
-from slam.criticism.cause import Cause, Gain, Interval
+from slam.criticism.cause import WIDE, Cause, Gain, Interval
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import RANGE, SONAR
@@ -70,7 +70,7 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Cau
         kept.append(replace(record, values=values) if at.any() else record)
     if not any(map(len, stuck)):
         return list(records), []
-    size = _sized("sonar_dead_zone", float(np.median(np.concatenate(stuck))), 1.96 * LIMIT_STD_M)
+    size = _sized("sonar_dead_zone", float(np.median(np.concatenate(stuck))), LIMIT_STD_M)
 
     def beside(own: Array, others: Sequence[Array]) -> float:
         """Return the nats of the flight's repeated readings at the others' limit."""
@@ -117,7 +117,7 @@ def _dropped(records: Sequence[Record]) -> list[Cause]:
     nats = [flight.nats(share) for flight in flights]
     if share < HEALTHY_LOSS or sum(nats) < LOST_NATS:
         return []
-    size = _sized("dropped_frames", share, 1.96 * share / float(np.sqrt(lost)))
+    size = _sized("dropped_frames", share, share / float(np.sqrt(lost)))
     return [cause_in_readings("dropped_frames", size, nats, predicted_by_others(flights, beside))]
 
 
@@ -141,7 +141,7 @@ def _moving_objects(records: Sequence[Record]) -> list[Cause]:
     found = sum(map(len, passes))
     if found == 0:
         return []
-    size = _sized("moving_objects", float(found), float(1.96 * np.sqrt(found)), least=1.0)
+    size = _sized("moving_objects", float(found), float(np.sqrt(found)), least=1.0)
     return [cause_in_readings("moving_objects", size, [NATS_A_PAIR * float(sum(p)) for p in passes])]
 
 
@@ -158,7 +158,7 @@ def _spikes(passes: Sequence[FilterPass]) -> list[Cause]:
     count, total = sum(counts), sum(totals)
     if count < FEWEST_SPIKES:
         return []
-    size = _sized("sonar_spikes", count / total, float(1.96 * (np.sqrt(count) / total)))
+    size = _sized("sonar_spikes", count / total, float(np.sqrt(count)) / total)
     return [cause_in_readings("sonar_spikes", size, [NATS_A_SPIKE * c for c in counts])]
 
 
@@ -177,7 +177,7 @@ def _quantised(records: Sequence[Record]) -> list[Cause]:
     found = quantisation_in(records)
     if found is None:
         return []
-    size = _sized("sonar_quantisation", found.step_m, 1.96 * STEP_STD_M)
+    size = _sized("sonar_quantisation", found.step_m, STEP_STD_M)
     nats = tuple(len(ranges_of([record])) * found.strength**2 for record in records)
     by_others = predicted_by_others(records, nats_by_others)
     return [cause_in_readings("sonar_quantisation", size, nats, by_others)]
@@ -189,10 +189,10 @@ def nats_by_others(own: Record, others: Sequence[Record]) -> float:
     return step.nats_of(ranges) if step is not None and len(ranges) else 0.0
 
 
-def _sized(term: str, value: float, reach: float, least: float = 0.0) -> dict[str, Interval]:
-    """Return the size of a term's first parameter: a value and half its 95 % interval."""
+def _sized(term: str, value: float, std: float, least: float = 0.0) -> dict[str, Interval]:
+    """Return the size of a term's first parameter."""
     size = CATALOGUE[term].parameters[0]
-    return {size.name: Interval(value, size.unit, max(value - reach, least), value + reach)}
+    return {size.name: Interval(value, size.unit, max(value - WIDE * std, least), value + WIDE * std)}
 
 
 def smallest_in_readings(records: Sequence[Record]) -> dict[str, tuple[float, str]]:

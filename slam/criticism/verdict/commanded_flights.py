@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from slam.core.arrays import Array
 from slam.core.progress import Progress, Tally
 from slam.criticism.camera.reprojection import reprojection_errors
-from slam.criticism.cause import Cause, Interval
+from slam.criticism.cause import WIDE, Cause, Interval
 from slam.criticism.extended import extended_model, with_certainty, with_terms
 from slam.criticism.finding import NameInDoubt
 from slam.criticism.kalman.filter import OUTLIER, USED
@@ -178,9 +178,9 @@ def _fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str,
     step, covariance = expansion.maximise(found.chosen).of(expansion.names)
     values: dict[str, Interval] = {}
     for k, nuisance in enumerate(NUISANCES):
-        x, std = nuisance.value_in(expansion.parameters) + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
+        x, std = nuisance.value_in(expansion.parameters) + step[k], WIDE * float(np.sqrt(covariance[k, k]))
         if best is not None and best.std.get(nuisance.name):  # 0 if no flight of the fit shows the constant
-            x, std = nuisance.value_in(best.parameters), 1.96 * best.std[nuisance.name]
+            x, std = nuisance.value_in(best.parameters), WIDE * best.std[nuisance.name]
         ends = x - std, x, x + std
         low, value, high = (float(np.exp(end) if nuisance.form == "log" else end) for end in ends)
         values[nuisance.name] = Interval(value, nuisance.unit, low, high)

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from slam.core.progress import Progress
-from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, ChannelError, Gain, Interval
+from slam.criticism.cause import FAINT, LIKELY, SURE, WIDE, Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import Inconsistency, LateReadings, NameInDoubt, OutOfRange, ResidualPattern
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.residuals.reading_anomalies import ENTAILS
@@ -33,7 +33,6 @@ from slam.simulation.terms import CATALOGUE
 SHOWN_PATTERNS = 8
 MOST_ALIKE = 4
 """Greatest number of names of an equivalence set."""
-WIDE = 1.96
 SCATTER = 1.25
 """Ratio of the scatter of found sizes about the truth to their standard error: found terms are selected, and
 no noise is exactly as modelled. From 18 singles of ``python -m tests.blind.run --kinds single --seed 3
