@@ -10,7 +10,7 @@ from tests.syntax import statements
 
 ROOT = Path(criticism.__file__).parent
 SOURCES = {path: path.read_text(encoding="utf-8") for path in sorted(ROOT.rglob("*.py"))}
-MOST_LINES, MOST_FILES = 9_201, 49
+MOST_LINES, MOST_FILES = 8_961, 49
 LONGEST_FILE, LONGEST_FUNCTION = 325, 60
 MOST_IMPORTS_OF_THE_MAIN_LOOP = 15
 """Modules of ours that ``run.py`` imports."""
