@@ -45,10 +45,13 @@ class Elevation:
         return out
 
 
-def elevation_map(w_p_echo_m: Array, height_m: Array, radius_m: Array) -> Elevation | None:
+def elevation_map(
+    w_p_echo_m: Array, height_m: Array, radius_m: Array, cells_a_radius: float = CELLS_A_RADIUS
+) -> Elevation | None:
     """Build the map from echoes at (x, y) with beam radius and height above the floor.
 
-    ``w_p_echo_m`` (m, 2), ``height_m`` (m,), ``radius_m`` (m,). None where there is no echo.
+    ``w_p_echo_m`` (m, 2), ``height_m`` (m,), ``radius_m`` (m,). ``cells_a_radius``: cells in the median
+    radius. None where there is no echo.
     """
     known = np.isfinite(np.column_stack([w_p_echo_m, height_m, radius_m])).all(axis=1)
     place, height, radius = w_p_echo_m[known], height_m[known], radius_m[known]
@@ -56,7 +59,7 @@ def elevation_map(w_p_echo_m: Array, height_m: Array, radius_m: Array) -> Elevat
         return None
     low, high = (place - radius[:, None]).min(axis=0), (place + radius[:, None]).max(axis=0)
     fewest = float(np.sqrt((high - low).prod() / MOST_CELLS))
-    gsd = max(float(np.median(radius)) / CELLS_A_RADIUS, fewest)
+    gsd = max(float(np.median(radius)) / cells_a_radius, fewest)
     cols, rows = np.maximum(np.ceil((high - low) / gsd).astype(int), 1)
     x = low[0] + (np.arange(cols) + 0.5) * gsd
     y = high[1] - (np.arange(rows) + 0.5) * gsd

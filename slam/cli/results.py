@@ -74,6 +74,7 @@ def write_results(
     """
     from backend.pose_graph.graph import build_pose_graph
     from slam.report.rasters.elevation import write_elevation
+    from slam.report.rasters.obstacles import with_all_obstacles
 
     write_solution(folder, estimate, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
     start = time.perf_counter()
@@ -91,6 +92,7 @@ def write_results(
         )
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
         estimate = replace(estimate, timing_s=timing_s, messages=joined(*estimate.messages, *warning))
+    estimate = with_all_obstacles(estimate, made.ground if made else None)
     tables = (*control_tables(estimate.control), *accuracy.tables)
     mosaics = replace(mosaics, elevation=heights)
     return write_summary_and_report(folder, estimate, flight, mosaics, replace(accuracy, tables=tables))

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from backend.measurements import Rejection, RelativePose
 from frontend.camera import Camera
 from frontend.elevation import Elevation
+from frontend.obstacles import ObstacleList
 from slam.core.control_points import ControlReport
 from slam.core.errors import InputError
 from slam.core.floor_points import FloorPoints
@@ -221,6 +222,8 @@ class Estimate:
     """Whether the solution is the global optimum; of a flight, for its pairs of pictures alone."""
     elevation: Elevation | None = None
     """Elevation of the ground over a level floor, as the sonar measured it; None without a sonar."""
+    obstacles: ObstacleList | None = None
+    """Things that stand on the ground; None where nothing would show them."""
     floor_points: FloorPoints | None = None
     """Points of the ground that the refinement has placed; None without one."""
     ground: GroundFacts | None = None
@@ -336,10 +339,3 @@ def over_floor(w_T_b: Array, slope_rad: tuple[float, float], floor_z_m: float) -
     poses[:, :3, :3] = turn @ w_T_b[:, :3, :3]
     poses[:, :3, 3] = (w_T_b[:, :3, 3] - under) @ turn.T + under
     return poses
-
-
-def up_stds(w_T_b: Array, covariances: Array) -> Array:
-    """Return the standard deviation (n,) of the height of poses (n, 4, 4) with covariances (n, 6, 6); NaN
-    where it is not known."""
-    variance = np.einsum("ni,nij,nj->n", w_T_b[:, 2, :3], covariances[:, 3:, 3:], w_T_b[:, 2, :3])
-    return np.asarray(np.sqrt(np.where(variance >= 0, variance, np.nan)))

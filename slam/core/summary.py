@@ -15,6 +15,7 @@ from slam.core.messages import Message, by_kind
 if TYPE_CHECKING:
     from backend.pose_graph.certificate import Certificate
     from backend.pose_graph.solution import RangeErrors, RowMistake
+    from frontend.obstacles import ObstacleList
     from slam.core.control_points import ControlReport
     from slam.core.estimate import Estimate, GroundFacts
     from slam.core.instrument_errors import InstrumentErrors
@@ -61,6 +62,8 @@ class Summary:
     """Direction -> instrument -> its share in the variance; empty without a refinement."""
     ground: GroundFacts | None = None
     """The ground of the mosaic; None without a mosaic."""
+    obstacles: ObstacleList | None = None
+    """Things that stand on the ground; None where nothing would show them."""
     control: ControlReport | None = None
     """Control points and check points; None without any."""
     height_system: str | None = None
@@ -116,6 +119,8 @@ class Summary:
             }
         if self.ground is not None:
             record["ground"] = asdict(self.ground)
+        if self.obstacles is not None:
+            record["obstacles"] = asdict(self.obstacles)
         if self.control is not None:
             record |= _control_record(self.control)
         if self.height_system is not None:
@@ -151,6 +156,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         accuracy_basis=estimate.accuracy_basis,
         information_shares=estimate.information_shares,
         ground=estimate.ground,
+        obstacles=estimate.obstacles,
         control=estimate.control,
         height_system=None if estimate.origin is None else estimate.height_system or "unknown",
         row_mistakes=estimate.row_mistakes,

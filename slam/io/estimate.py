@@ -40,6 +40,7 @@ from backend.measurements import Rejection, RelativePose
 from backend.pose_graph.solution import RangeErrors
 from backend.triple import triple
 from frontend.camera import Camera
+from frontend.obstacles import Obstacle, ObstacleList
 from slam.core.arguments import check_estimate
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
@@ -139,6 +140,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "information_shares": {name: dict(shares) for name, shares in estimate.information_shares.items()},
         "control": None if estimate.control is None else asdict(estimate.control),
         "ground": None if estimate.ground is None else asdict(estimate.ground),
+        "obstacles": None if estimate.obstacles is None else asdict(estimate.obstacles),
     }
 
 
@@ -224,6 +226,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         accuracy_basis=str(record.get("accuracy_basis", "")),
         information_shares=_shares(record),
         ground=_ground(record),
+        obstacles=_obstacles(record),
         control=_control(record),
         floor_points=_points(arrays),
     )
@@ -241,6 +244,16 @@ def _points(arrays: dict[str, NDArray[Any]]) -> FloorPoints | None:
     found = [arrays[name] for name in POINTS]
     keyframe, b_p_m, views, std_m = found
     return FloorPoints(keyframe, b_p_m, views, std_m) if len(keyframe) else None
+
+
+def _obstacles(record: dict[str, Any]) -> ObstacleList | None:
+    value = record.get("obstacles")
+    if value is None:
+        return None
+    found = (
+        Obstacle(**{**one, "measured_by": tuple(map(str, one["measured_by"]))}) for one in value["found"]
+    )
+    return ObstacleList(float(value["above_m"]), tuple(found))
 
 
 def _number(record: dict[str, Any], name: str) -> float | None:

@@ -30,6 +30,7 @@ from slam.mapping.context import Context, Job
 from slam.mapping.floor_visibility import without_horizon_frames
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
+from slam.mapping.obstacle_list import map_obstacles
 from slam.mapping.obstacles import Obstacles, cleared_echoes, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.stages import (
     close_loops,
@@ -77,6 +78,7 @@ def map_flight(
         estimate = replace(
             estimate,
             elevation=echoes.map if echoes else None,
+            obstacles=map_obstacles(refined, echoes, config.masking),
             metric=refined.metric,
             rejected=estimate.rejected | cleared_echoes(flight.sonar, context.flight.sonar),
         )

@@ -272,6 +272,13 @@ def range_contradiction(echoes: Echoes, config: MaskingConfig) -> Message | None
     return None
 
 
+def hears_obstacles(echoes: Echoes, config: MaskingConfig) -> bool:
+    """Return whether enough echoes come from obstacles, and neither contradict the map nor each other."""
+    standing, measured = echoes.standing(config).sum(), int(echoes.measured.sum())
+    enough = standing >= max(FEWEST, config.least_share * measured)
+    return bool(enough) and range_contradiction(echoes, config) is None
+
+
 def _not_judged(count: int) -> str:
     """Return how many readings of a sonar are no echoes at a known height, in brackets."""
     more = counted(count, "more reading is", "more readings are")
@@ -297,9 +304,7 @@ def find_obstacles(
     standing = echoes.standing(config)
     measured = int(echoes.measured.sum())
     elevation = echoes.map
-    if elevation is None or standing.sum() < max(FEWEST, config.least_share * measured):
-        return None
-    if range_contradiction(echoes, config):
+    if elevation is None or not hears_obstacles(echoes, config):
         return None
     radius_m = float(np.nanmedian(echoes.radius_m))
     gamma = echoes.gamma_m(config)

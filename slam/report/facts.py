@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.estimate import Estimate, up_stds
+from slam.core.estimate import Estimate
 from slam.core.instrument import Instrument
+from slam.core.pose_heights import up_stds
 from slam.core.units import SPACE, error_length, length, with_error
 from slam.evaluation.aligned_maps import chain_on_result, odometry_on_result
 from slam.report.coordinates import datum_text, plane_text

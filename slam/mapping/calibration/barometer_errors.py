@@ -9,9 +9,9 @@ from backend.bundle.refinement import Bundle
 from backend.bundle.residual_spread import autocorrelated_std
 from backend.significance import SIGMAS_OF_SEVERAL
 from backend.sparse_cholesky import SingularMatrixError
-from slam.core.estimate import up_stds
 from slam.core.instrument_errors import BarometerErrors
 from slam.core.messages import Message, about
+from slam.core.pose_heights import up_stds
 
 _LEAST_HEIGHTS = 15
 """The scatter of so many residuals is known to a fifth (1 / sqrt(2 (n - 2))): four deviations are more

@@ -16,6 +16,7 @@ from numpy.lib import format as npy
 
 from backend.measurements import Rejection, RelativePose
 from frontend.camera import Camera
+from frontend.obstacles import Obstacle, ObstacleList
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, GroundFacts, LoopVerdict
@@ -77,6 +78,7 @@ def full_estimate(seed=0, count=20) -> Estimate:
         ground=GroundFacts(
             misregistration_px=(0.2, 0.5), over_floor_px=(0.3, 4.0), relief_share=0.1, highest_m=2.5
         ),
+        obstacles=ObstacleList(0.06, (Obstacle(1.0, -2.0, 0.3, 0.5, ("pictures", "sonar")),)),
         frame_names=tuple(f"bild ü {k}.jpg" for k in range(count)),
         ground_covariances=np.tile(0.5 * np.eye(6), (count, 1, 1)),
         joint_errors=np.tile(np.eye(6, 7) / 4, (count, 1, 1)),

@@ -1,0 +1,50 @@
+"""Things on an elevation map: where they are, how high and large, and which of two lists are the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frontend.elevation import Elevation
+from frontend.obstacles import Obstacle, ObstacleList, standing_on
+
+
+def made(height: np.ndarray) -> Elevation:
+    return Elevation(west_m=10.0, north_m=20.0, gsd_m=0.1, height_m=height.astype(np.float32))
+
+
+def test_each_thing_has_place_height_and_area():
+    height = np.full((60, 80), np.nan)
+    height[5:, :] = 0.01
+    height[20:30, 40:60] = 0.4
+    height[20:22, 40:42] = 5.0  # four of 200 cells
+    height[40:50, 10:15] = 0.2
+    by_sonar = np.zeros(height.shape, bool)
+    by_sonar[:, :20] = True
+    found = standing_on(made(height), 0.06, {"pictures": ~by_sonar, "sonar": by_sonar})
+    assert [one.measured_by for one in found.found] == [("pictures",), ("sonar",)]
+    large, small = found.found
+    assert (large.x_m, large.y_m) == pytest.approx((15.0, 17.5))
+    assert (large.height_m, large.area_m2) == pytest.approx((0.4, 2.0))
+    assert (small.x_m, small.y_m, small.height_m, small.area_m2) == pytest.approx((11.25, 15.5, 0.2, 0.5))
+    assert found.by_pictures == (large,)
+
+
+def test_what_is_lower_than_asked_for_or_less_wide_than_that_is_none():
+    height = np.zeros((30, 30))
+    height[5:15, 5:15] = 0.29
+    height[20:22, 20:24] = 0.5  # 0.08 m2
+    assert standing_on(made(height), 0.3, {}).found == ()
+    assert len(standing_on(made(height), 0.25, {}).found) == 2
+
+
+def test_two_lists_are_one_with_each_thing_once():
+    house, echo = Obstacle(0.0, 0.0, 3.0, 20.0, ("pictures",)), Obstacle(1.0, 0.5, 2.8, 4.0, ("sonar",))
+    far = Obstacle(9.0, 0.0, 1.0, 30.0, ("sonar",))
+    found = ObstacleList(0.1, (house,)).joined(ObstacleList(0.2, (far, echo)))
+    assert found.above_m == 0.1
+    assert [(one.x_m, one.measured_by) for one in found.found] == [
+        (9.0, ("sonar",)),
+        (0.0, ("pictures", "sonar")),
+    ]
+    assert found.found[1].height_m == 3.0

@@ -1,0 +1,48 @@
+"""The obstacles of a refined map by its raised floor points, where the truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from backend.bundle.refinement import refine
+from frontend.obstacles import ObstacleList
+from slam.mapping.config import MaskingConfig
+from slam.mapping.obstacle_list import obstacles_by_points
+from slam.mapping.obstacles import RELATIVE_GAMMA
+from tests.backend.bundle.made_scenes import SONAR
+from tests.backend.made_floor import Scene, make
+
+BOX = 0.5, 1.0, -0.1, 0.4
+"""Over the height of 0.8 m: 0.4 m x 0.4 m around (0.6, 0.12), 0.2 m high."""
+VIDEO = replace(SONAR, range_std_m=None, attitude_std_rad=None)
+
+
+def found_over(scene: Scene, metric: bool = True, config: MaskingConfig = MaskingConfig()) -> ObstacleList:
+    made = make(replace(scene, points_in_view=100), 1)
+    return obstacles_by_points(refine(made.measurements, made.start, made.floor_z_m), metric, config)
+
+
+@pytest.mark.parametrize("scene", [SONAR, VIDEO, replace(SONAR, rolling=0.02)])
+def test_a_box_is_found_with_a_sonar_and_without(scene: Scene):
+    (box,) = found_over(replace(scene, box=BOX)).found
+    assert (box.x_m, box.y_m) == pytest.approx((0.6, 0.12), abs=0.05)
+    assert box.height_m == pytest.approx(0.2, abs=0.03)
+    assert box.area_m2 == pytest.approx(0.16, rel=0.3)
+    assert box.measured_by == ("pictures",)
+
+
+@pytest.mark.parametrize("scene", [SONAR, replace(SONAR, rolling=0.05), replace(SONAR, walls=0.05)])
+def test_a_flat_floor_ground_that_rolls_and_single_points_are_none(scene: Scene):
+    assert found_over(scene).found == ()
+
+
+def test_what_is_lower_than_gamma_3_is_none():
+    assert found_over(replace(SONAR, box=BOX), config=MaskingConfig(gamma_3_m=0.3)).found == ()
+
+
+def test_gamma_3_is_no_length_of_a_map_without_metres():
+    found = found_over(replace(VIDEO, box=BOX), False, MaskingConfig(gamma_3_m=1e3))
+    assert found.above_m == RELATIVE_GAMMA
+    assert len(found.found) == 1
