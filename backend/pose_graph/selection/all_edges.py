@@ -54,13 +54,14 @@ def lowest_fit(gauge_fixed: GaugeFixedProblem, fit: GraphFit, *starts: Array) ->
     return fit
 
 
-def one_factor_explains(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> bool:
+def one_factor_explains(gauge_fixed: GaugeFixedProblem, fit: GraphFit, w_T: Array) -> bool:
     """Return whether a fit of all edges is one of true edges whose deviations are off by one factor.
 
     No edge may stand out from the noise that the others show without it (F test). A false loop that no other
     one checks, and a wrong step under all loops, spread over all edges of their cycles: each of these stands
     out, or leaves nothing that shows the noise. Deviations times that factor have to tell a false loop from a
-    true one, unless the stated ones do not either.
+    true one, unless the stated ones do not either. ``w_T`` (n, 4, 4) are poses of the size of the map: many
+    false loops pull those of the fit together.
     """
     test, problem = fit.test, gauge_fixed.problem
     if test.passed:
@@ -76,4 +77,4 @@ def one_factor_explains(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> bool:
     if gain / problem.dof > f_limit(SIGNIFICANCE / len(problem.i), problem.dof, rest) * of_others:
         return False
     factor = float(np.sqrt(test.statistic / test.dof))
-    return are_selective(problem.with_noise(factor), fit.w_T) or not are_selective(problem, fit.w_T)
+    return are_selective(problem.with_noise(factor), w_T) or not are_selective(problem, w_T)

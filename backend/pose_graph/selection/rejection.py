@@ -59,10 +59,10 @@ def _without_false_loops(gauge_fixed: GaugeFixedProblem, fit: GraphFit, found: S
     """Return all edges where these need no false loop, and the selection that loses most loops otherwise."""
     problem = gauge_fixed.problem
     lowest = lowest_fit(gauge_fixed, fit, found.fit.w_T)
-    if not one_factor_explains(gauge_fixed, lowest):
+    if not one_factor_explains(gauge_fixed, lowest, found.fit.w_T):
         return found
     everything = Selection.of(problem, np.ones_like(found.kept), lowest)
-    if lowest.test.passed or not are_selective(problem, lowest.w_T):
+    if lowest.test.passed or not are_selective(problem, found.fit.w_T):
         return everything
     return everything if _is_more_probable(gauge_fixed, everything, found) else found
 

@@ -73,6 +73,23 @@ def test_a_false_loop_beside_deviations_stated_too_small_is_still_rejected() -> 
     assert np.flatnonzero(~solution.edge_kept).tolist() == [len(ij_T) - 1]
 
 
+@pytest.mark.parametrize(("std", "seed"), [(0.1, 2), (0.15, 1)])
+def test_a_map_that_false_loops_pull_together_does_not_explain_them(std: float, seed: int) -> None:
+    """In a map a tenth as large as the true one, a false loop anywhere would often agree by chance."""
+    made, count = lanes(np.array([std, std, std / 5]), 1.0, seed), 30
+    rng = np.random.default_rng(seed)
+    i = rng.integers(0, COUNT - 10, count)
+    j = i + rng.integers(8, COUNT - i - 1)
+    wrong = replace(
+        made,
+        i=np.append(made.i, i),
+        j=np.append(made.j, j),
+        ij_T=np.concatenate([made.ij_T, made.ij_T[rng.integers(COUNT - 1, len(made.i), count)]]),
+        information=np.concatenate([made.information, made.information[:count]]),
+    )
+    assert solve_pose_graph(wrong, covariances=False).edge_kept[-count:].sum() <= 1
+
+
 @pytest.mark.parametrize("loops", [1, 2, 3])
 def test_a_row_of_false_loops_is_no_common_factor(loops: int) -> None:
     """They agree with each other, and alone contradict odometry, which takes the error in many shares."""
