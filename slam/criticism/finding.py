@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from slam.core.units import spaced
 from slam.data_quality.finding import Finding
@@ -96,51 +95,13 @@ class OutOfRange(Finding):
 
 
 @dataclass(frozen=True)
-class LateReadings(Finding):
-    """Readings of a stream (``channel``) that come late, or early, by their stamps, or behind a filter."""
-
-    BY_DELAY: ClassVar[str] = "late"
-    BY_FILTER: ClassVar[str] = "smoothed"
-
-    late_s: float
-    """The mean age of a reading, or its standard deviation: of a low-pass filter, the time constant."""
-    lag: str = BY_DELAY
-
-    def _text(self) -> str:
-        if self.lag == self.BY_FILTER:
-            return f"{self.channel} smoothed over {1e3 * self.late_s:.1f} ms"
-        return f"{self.channel} {'late' if self.late_s > 0.0 else 'early'} by {1e3 * abs(self.late_s):.1f} ms"
-
-
-@dataclass(frozen=True)
-class VaryingSize(Finding):
-    """A parameter of a cause that varies between segments of the flights by half of itself."""
-
-    least: float
-    most: float
-    unit: str
-    segment_s: float
-    like_attitude_deg: float = 0.0
-    """Error of the attitude that would look the same; 0 where none would."""
-
-    def _text(self) -> str:
-        sizes = f"{self.least:.2g} to {self.most:.2g}{spaced(self.unit)} by segments of {self.segment_s:g} s"
-        return f"{self.column} is {sizes}{self.like}"
-
-    @property
-    def like(self) -> str:
-        """The attitude error that would look the same, as the end of a sentence."""
-        off_deg = self.like_attitude_deg
-        return f", like an attitude error of {off_deg:.0f} deg" if off_deg else ""
-
-
-@dataclass(frozen=True)
 class Onset(Finding):
-    """A parameter of a term that changes at a moment of a flight."""
+    """A parameter of a term, or an error of a channel, that changes at a moment of a flight."""
 
     time_s: float
     change: float
     unit: str
 
     def _text(self) -> str:
-        return f"{self.column} changes by {self.change:.2g}{spaced(self.unit)} at about {self.time_s:.0f} s"
+        what = self.column if self.effect else f"an error of {self.channel}"
+        return f"{what} changes by {self.change:.2g}{spaced(self.unit)} at about {self.time_s:.0f} s"

@@ -20,6 +20,7 @@ from slam.criticism.verdict.sentence import unusable, with_sentences
 from slam.criticism.without_commands.explanation import explain_comparisons
 from slam.data_quality import (
     axes_of_all,
+    jumps_of_all,
     misstated_noise,
     with_scattering_noise,
     without_dead_streams,
@@ -62,6 +63,7 @@ def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) 
     if not prepared.records:
         return unusable(prepared.dropped or ["no flights"], prepared.dropped)
     found = search(prepared.records, prepared.nominal, prepared.limits, progress)
+    readings = [*readings, *jumps_of_all(flights, {})]
     return judge(explain(prepared, found, readings, model, progress))
 
 

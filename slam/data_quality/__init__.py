@@ -15,10 +15,12 @@ from slam.data_quality.axes import axes_of_all
 from slam.data_quality.channels import misstated_noise, with_scattering_noise
 from slam.data_quality.dead_streams import without_dead_streams
 from slam.data_quality.finding import Finding
+from slam.data_quality.jumps import jumps_of_all
 
 __all__ = [
     "Finding",
     "axes_of_all",
+    "jumps_of_all",
     "misstated_noise",
     "readings_in_words",
     "stream_anomalies",

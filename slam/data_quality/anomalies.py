@@ -1,9 +1,10 @@
-"""Anomalies of whole streams: readings that freeze, that are rounded, or that oscillate at one frequency."""
+"""Anomalies of streams: readings that freeze, cease, are rounded, or oscillate at one frequency."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -14,16 +15,25 @@ from slam.data_quality.command_clock import clock_error
 from slam.data_quality.commands import log_apart
 from slam.data_quality.finding import Finding, flights_to_name
 from slam.data_quality.frozen import Frozen, frozen
+from slam.data_quality.in_motion import others_move
 from slam.data_quality.jumps import jumps
 from slam.data_quality.oscillation import strongest_line
 from slam.data_quality.rounding import rounding
+from slam.data_quality.silent import silent
 
 
 def stream_anomalies(flight: Flight) -> list[Finding]:
     """Return the anomalies of each stream of a flight."""
-    looks = (frozen, rounding, strongest_line)
-    each = (look(stream) for stream in streams_of(flight) for look in looks)
-    return [seen for seen in each if seen is not None]
+    streams = streams_of(flight)
+    end_s = max((float(stream.stamps_s[-1]) for stream in streams if len(stream.stamps_s)), default=0.0)
+    found: list[Finding | None] = []
+    for stream in streams:
+        moves = partial(others_move, streams, stream.name)
+        found += [
+            frozen(stream, moves), silent(stream, end_s, moves, flight.sonar), rounding(stream),
+            strongest_line(stream),
+        ]  # fmt: skip
+    return [seen for seen in found if seen is not None]
 
 
 def readings_in_words(flight: Flight) -> list[str]:
@@ -41,8 +51,8 @@ def readings_in_words(flight: Flight) -> list[str]:
 
 
 def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[Finding]]:
-    """Return the flights without repeated ranges, speeds and attitudes of frozen instruments, and all
-    anomalies of their streams."""
+    """Return the flights without the repeated readings of frozen instruments, and all anomalies of their
+    streams."""
     clean, anomalies = [], []
     for flight, name in zip(flights, flights_to_name([f.name for f in flights]), strict=True):
         found = stream_anomalies(flight)
@@ -51,15 +61,21 @@ def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[Findin
     return clean, anomalies
 
 
+_SERIES = {
+    "gyro": ("imu", "gyro_rad_s"),
+    "accel": ("imu", "accel_m_s2"),
+    "attitude": ("attitude", "roll_pitch_yaw_rad"),
+    "velocity": ("velocity", "v_m_s"),
+    "sonar": ("sonar", "range_m"),
+}
+"""Channel of a frozen instrument -> stream of the flight, and the field with its readings."""
+
+
 def _without_repeated(flight: Flight, anomalies: Sequence[Finding]) -> Flight:
-    repeated = {found.channel: found.repeated for found in anomalies if isinstance(found, Frozen)}
-    if flight.sonar is not None and "sonar" in repeated:
-        range_m = np.where(repeated["sonar"], np.nan, flight.sonar.range_m)
-        flight = replace(flight, sonar=replace(flight.sonar, range_m=range_m))
-    if flight.velocity is not None and "velocity" in repeated:
-        v_m_s = np.where(repeated["velocity"][:, None], np.nan, flight.velocity.v_m_s)
-        flight = replace(flight, velocity=replace(flight.velocity, v_m_s=v_m_s))
-    if flight.attitude is not None and "attitude" in repeated:
-        angles_rad = np.where(repeated["attitude"][:, None], np.nan, flight.attitude.roll_pitch_yaw_rad)
-        flight = replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles_rad))
+    for found in (anomaly for anomaly in anomalies if isinstance(anomaly, Frozen)):
+        stream, field = _SERIES[found.channel]
+        series = getattr(flight, stream)
+        values = getattr(series, field).astype(float)
+        values[found.repeated] = np.nan
+        flight = replace(flight, **{stream: replace(series, **{field: values})})
     return flight

@@ -71,6 +71,16 @@ def derivatives(flight: Flight, imu: ImuReadings, kind: str, off: Array) -> dict
     return traces | _lag_traces(flight, imu, kind)
 
 
+def usual_size(column: str) -> float:
+    """Return the greatest usual size of an error, half the range of its term's parameter."""
+    name = column.removesuffix(INTEGRATED)
+    term, _, parameter = name.partition(".")
+    if term in CATALOGUE:
+        usual = CATALOGUE[term].parameter(parameter)
+        return 0.5 * (usual.high - usual.low)
+    return FILTER_S**2 if name.endswith(SMOOTHING) else FILTER_S
+
+
 def _lag_traces(flight: Flight, imu: ImuReadings, kind: str) -> dict[str, Array]:
     """Return column -> (n, components) the change of the differences with the lag of each stream."""
     traces = {}

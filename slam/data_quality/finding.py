@@ -9,6 +9,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from slam.core.units import spaced
+
 
 @dataclass(frozen=True, kw_only=True)
 class Finding(ABC):
@@ -56,6 +58,28 @@ class Remark(Finding):
 
     def _text(self) -> str:
         return self.text
+
+
+@dataclass(frozen=True)
+class VaryingSize(Finding):
+    """A parameter of a cause that varies between segments of the flights by half of itself."""
+
+    least: float
+    most: float
+    unit: str
+    segment_s: float
+    like_attitude_deg: float = 0.0
+    """Error of the attitude that would look the same; 0 where none would."""
+
+    def _text(self) -> str:
+        sizes = f"{self.least:.2g} to {self.most:.2g}{spaced(self.unit)} by segments of {self.segment_s:g} s"
+        return f"{self.column} is {sizes}{self.like}"
+
+    @property
+    def like(self) -> str:
+        """The attitude error that would look the same, as the end of a sentence."""
+        off_deg = self.like_attitude_deg
+        return f", like an attitude error of {off_deg:.0f} deg" if off_deg else ""
 
 
 def flights_to_name(names: Sequence[str]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +16,12 @@ Array = NDArray[np.float64]
 
 SHORTER = 2.0 / 3.0
 FEWEST_RUNS = 3
-"""Least number of frozen runs that may be at any value and at any time. Of fewer, those count that lie
-between other readings and within their range: a vehicle may stand on the floor before and after a flight."""
+"""Least number of frozen runs that may be at any value and at any time. Of fewer, those count that lie within
+the range of the others, and that are no rest of the vehicle: it may stand on the floor before and after."""
 SINGLE_S = 1.0
 """Least duration of a single frozen run, in seconds."""
+NO_REST_S = 5.0
+"""The same of one that may be a rest: a vehicle hovers for less without any motion that is rounded away."""
 RUN = 8
 """Number of equal successive readings, to the last digit, that noise does not make."""
 
@@ -45,8 +48,13 @@ class Frozen(Finding):
         )
 
 
-def frozen(stream: InstrumentReadings) -> Frozen | None:
-    """Return the frozen runs of a stream, or None.
+def never(begin_s: float, end_s: float) -> bool:
+    """Return False: no other instrument shows a motion between two times."""
+    return False
+
+
+def frozen(stream: InstrumentReadings, moves: Callable[[float, float], bool] = never) -> Frozen | None:
+    """Return the frozen runs of a stream, or None. ``moves``: whether others show a motion between two times.
 
     A run is improbable if its length is, given how often successive readings of shorter runs are equal. Runs
     at one value alone are no freeze: an instrument may stop at its limit.
@@ -61,7 +69,7 @@ def frozen(stream: InstrumentReadings) -> Frozen | None:
     stuck = length >= _shortest_improbable(length / float(np.median(length)), len(values)) * np.median(length)
     stuck_at = {tuple(reading) for reading in values[begin[stuck]].tolist()}
     if int(stuck.sum()) < FEWEST_RUNS or len(stuck_at) < FEWEST_RUNS:
-        stuck &= _within_others(times_s, values, begin, length)
+        stuck &= _within_others(times_s, values, begin, length, moves)
     if not stuck.any():
         return None
     repeated = np.zeros(len(finite), dtype=np.bool_)
@@ -74,13 +82,20 @@ def frozen(stream: InstrumentReadings) -> Frozen | None:
 
 
 def _within_others(
-    times_s: Array, values: Array, begin: NDArray[np.int64], length: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    """Return which runs of equal readings are long, and lie within the others in time and in value."""
-    lasts_s, at = times_s[begin + length - 1] - times_s[begin], values[begin]
-    inside = ((at > values.min(axis=0)) & (at < values.max(axis=0)) & (at != 0.0)).all(axis=1)
-    inside[[0, -1]] = False
-    return np.asarray(inside & (lasts_s >= SINGLE_S))
+    times_s: Array, values: Array, begin: NDArray[np.int64], length: NDArray[np.int64],
+    moves: Callable[[float, float], bool],
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Return which runs of equal readings are long, lie within the others in value or at 0, and are no rest:
+    at the begin, at the end and at 0 the vehicle must move."""
+    ends_s, at = times_s[begin + length - 1], values[begin]
+    lasts_s = ends_s - times_s[begin]
+    within = ((at > values.min(axis=0)) & (at < values.max(axis=0))).any(axis=1)
+    counts = (within | (at == 0.0).all(axis=1)) & (lasts_s >= SINGLE_S)
+    may_rest = (at == 0.0).any(axis=1)
+    may_rest[[0, -1]] = True
+    for k in np.flatnonzero(counts & may_rest).tolist():
+        counts[k] = lasts_s[k] >= NO_REST_S and moves(float(times_s[begin[k]]), float(ends_s[k]))
+    return np.asarray(counts)
 
 
 def _shortest_improbable(count: Array, readings: int) -> float:

@@ -190,11 +190,13 @@ def _attitude(flight: Flight, imu: ImuReadings) -> IntegralComparison | None:
 
 
 def _jumps(imu: ImuReadings, rate: Array) -> Array:
-    """Return (n, k) the sum of the jumps of a rate (n, k) so far, each times its sampling interval."""
+    """Return (n, k) the sum of the jumps of a rate (n, k) so far, each times its sampling interval, or the
+    usual one where stamps that scatter shorten it."""
     change = np.diff(rate, axis=0)
     apart = change - median_filter(change, (5, 1))
     apart[np.abs(apart) < JUMP * np.array([robust_std(a) for a in apart.T])] = 0.0
-    worth = np.diff(imu.stamps_s)[:, None] * apart
+    apart_s = np.diff(imu.stamps_s)
+    worth = np.maximum(apart_s, np.median(apart_s))[:, None] * apart
     return np.vstack([np.zeros(rate.shape[1]), np.cumsum(worth, axis=0)])
 
 

@@ -1,13 +1,15 @@
-"""Lag of a stream's readings behind the motion: a delay, and a low-pass filter of the first order."""
+"""Lag of a stream's readings: a delay, a low-pass filter of the first order, and the finding of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.recursion import recursion
+from slam.data_quality.finding import Finding
 
 Array = NDArray[np.float64]
 
@@ -45,3 +47,20 @@ def _smoothed(stamps_s: Array, signal: Array, time_s: float) -> Array:
     even[1:] = 0.5 * (even[1:] + even[:-1])
     followed = recursion(share * even, 1.0 - share) + signal[0]
     return np.column_stack([np.interp(stamps_s, even_s, column) for column in followed.T])
+
+
+@dataclass(frozen=True)
+class LateReadings(Finding):
+    """Readings of a stream (``channel``) that come late, or early, by their stamps, or behind a filter."""
+
+    BY_DELAY: ClassVar[str] = "late"
+    BY_FILTER: ClassVar[str] = "smoothed"
+
+    late_s: float
+    """The mean age of a reading, or its standard deviation: of a low-pass filter, the time constant."""
+    lag: str = BY_DELAY
+
+    def _text(self) -> str:
+        if self.lag == self.BY_FILTER:
+            return f"{self.channel} smoothed over {1e3 * self.late_s:.1f} ms"
+        return f"{self.channel} {'late' if self.late_s > 0.0 else 'early'} by {1e3 * abs(self.late_s):.1f} ms"

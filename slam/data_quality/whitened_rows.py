@@ -17,6 +17,7 @@ from frontend.robust import robust_std
 from slam.core.arrays import Array, Ints
 from slam.core.flight import Flight
 from slam.data_quality.comparison_derivatives import DELAY, LAGGING, SMOOTHING, derivatives, with_lags
+from slam.data_quality.finding import Remark
 from slam.data_quality.inertial_comparison import (
     BETWEEN_SAMPLES,
     CHANNELS,
@@ -284,3 +285,19 @@ def _size(rows: Sequence[WhitenedRows], column: str) -> float:
     """Return the size of one error by a least-squares fit of all."""
     names, off = columns_of([rows]), np.concatenate([r.off for r in rows])
     return float(np.linalg.lstsq(table_of([rows], names), off, rcond=RANK)[0][names.index(column)])
+
+
+PICTURES = "pictures"
+"""Kind of the rows of pictures, which are compared with the path of all other instruments."""
+CONTRADICTED = 2.0
+"""Ratio of residuals to their noise beyond which pictures contradict the path; 1 for healthy flights."""
+
+
+def contradiction(rows: FlightRows) -> list[Remark]:
+    """Return whether pictures and path disagree by more than all errors together explain."""
+    over = [r.noise for flight in rows for r in flight if r.kind == PICTURES]
+    if not over or float(np.median(over)) < CONTRADICTED:
+        return []
+    by = f"{min(over):.1f} to {max(over):.1f} times their noise"
+    text = f"pictures disagree with the path of the other instruments by {by}"
+    return [Remark(text, channel="pictures")]

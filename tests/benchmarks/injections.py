@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.criticism import criticise
-from slam.criticism.finding import LateReadings
 from slam.criticism.verdict.criticism import Criticism
+from slam.data_quality.lag import LateReadings
 from slam.io.flight_folder import read_flight
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, at_least, at_most, reported

@@ -14,7 +14,7 @@ from slam.core.progress import Progress, Tally
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import WIDE, Cause, Interval
 from slam.criticism.extended import extended_model, with_certainty, with_terms
-from slam.criticism.finding import NameInDoubt
+from slam.criticism.finding import NameInDoubt, Onset
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.filter_parameters import POINTS, FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, used_innovations
@@ -25,10 +25,16 @@ from slam.criticism.residuals.reading_anomalies import reading_anomalies, smalle
 from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.search.fitting import lag_one_correlation
 from slam.criticism.search.search import SearchResult
+from slam.criticism.search.thresholds import with_misfit
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism
 from slam.criticism.verdict.held_out import HeldOut, confirmed_terms, fitted_parameters, held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
-from slam.criticism.verdict.over_time import changing_sizes, contradictions
+from slam.criticism.verdict.over_time import (
+    CERTAIN_Z,
+    changing_sizes,
+    commanded_onset,
+    contradictions,
+)
 from slam.criticism.verdict.posterior import likeliest, posterior_of
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
 from slam.criticism.verdict.rollouts import covariate, rollout_errors
@@ -94,6 +100,17 @@ class CommandedFlights(Evidence):
         return held_out(self.found) if any(e.is_term for e in self.found.chosen) else None
 
     @cached_property
+    def _onset(self) -> Onset | None:
+        """Return a change beside the chosen effects, or one that explains more than any of them."""
+        found, least = self.found, max(CERTAIN_Z, self.limits.patterns)
+        greatest = max(map(found.z_of, found.chosen), default=0.0)
+        beside = commanded_onset(found, self.parameters, with_misfit(least, greatest))
+        if beside is not None or not found.chosen:
+            return beside
+        alone = replace(found, last=found.first, chosen=())
+        return commanded_onset(alone, found.first.parameters, max(least, greatest))
+
+    @cached_property
     def _rolled_out(self) -> Tally:
         return Tally(self.progress, "roll out", 2)
 
@@ -117,6 +134,7 @@ class CommandedFlights(Evidence):
         passes = self.found.last.fisher.passes
         return [
             *(f for f in self.readings if not f.is_shown_otherwise),
+            *([self._onset] if self._onset is not None else []),
             *(replace(doubt, is_cause=name in reported) for name, doubt in doubts.items()),
             *(self.best.unhealthy if self.best is not None else ()),
             *vibration_of(passes),
@@ -137,6 +155,7 @@ class CommandedFlights(Evidence):
                 threshold_means=found.threshold_means,
             )  # fmt: skip
         searched, parameters = self.found, self.parameters
+        begun = [] if self._onset is None else [self._onset.effect]
         correlations = zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True)
         nearest, threshold, findings = max(found.ranking, key=lambda r: r.z), found.threshold, found.findings
         if found.verdict == "unknown" and not found.causes and nearest.z >= 0.5 * threshold:
@@ -158,7 +177,7 @@ class CommandedFlights(Evidence):
             noise_correlation={name: share for name, share in correlations if share > 0.0},
             checks=_checks(searched.last.fisher.passes),
             covariate=drawn,
-            changes=changing_sizes(searched, parameters, self.doubts),
+            changes=changing_sizes(searched, parameters, {*self.doubts, *begun}),
             dropped=self.dropped,
             extended=with_certainty(self._extended(found.causes, parameters), found.causes),
             unseen=unseen,

@@ -15,7 +15,7 @@ import numpy as np
 
 from slam.core.progress import Progress
 from slam.criticism.cause import FAINT, LIKELY, SURE, WIDE, Cause, ChannelError, Gain, Interval
-from slam.criticism.finding import Inconsistency, LateReadings, NameInDoubt, OutOfRange, ResidualPattern
+from slam.criticism.finding import Inconsistency, NameInDoubt, OutOfRange, ResidualPattern
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.residuals.reading_anomalies import ENTAILS
 from slam.criticism.search.effects import Effect
@@ -27,6 +27,7 @@ from slam.criticism.verdict.held_out import CONFIRMED_NATS, HeldOut, held_out
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, posterior_of
 from slam.criticism.verdict.rollout_fit import FREE, RolloutFit
 from slam.data_quality.finding import Finding, Remark
+from slam.data_quality.lag import LateReadings
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 

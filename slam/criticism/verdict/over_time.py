@@ -10,32 +10,35 @@ The greatest difference before and after a moment is the sup-Wald statistic of a
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from backend.measurements import GRAVITY_M_S2
 from frontend.cores import in_threads
 from slam.core.arrays import Array, Ints
-from slam.criticism.finding import Inconsistency, Onset, VaryingSize
+from slam.criticism.finding import Inconsistency, Onset
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import Run
+from slam.criticism.kalman.readings import ATTITUDE, CHANNEL_UNITS, CHANNELS, VELOCITY, channels_of
 from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS, fitted_parameter
 from slam.criticism.search.information import FisherInformation
-from slam.criticism.search.quadratic_likelihood import RIDGE
+from slam.criticism.search.quadratic_likelihood import RIDGE, QuadraticLikelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
 from slam.criticism.verdict.held_out import held_out
-from slam.data_quality.finding import flights_to_name
+from slam.data_quality.break_in_time import likeliest_break
+from slam.data_quality.finding import VaryingSize, flights_to_name
 from slam.simulation.terms import CATALOGUE
 
 PART_S = 5.0
-FEWEST_PARTS = 8
-"""Least number of parts of a flight in which a change has a moment."""
+MOMENT_S = 1.0
+"""Duration of the parts before and after which sizes are compared where innovations are white."""
+CONSTANTS = [f"{CHANNELS[c]} ~ one" for kind in (ATTITUDE, VELOCITY) for c in channels_of(kind)]
+"""Constant errors that are no terms: an attitude or a speed that loses its reference."""
 TELLING = 0.5
 """Greatest standard error of a segment's size, as a share of the size, for the segment to count."""
 FEWEST_SIZES = 5
@@ -45,8 +48,6 @@ LARGE = 0.5
 """Least scatter beyond chance, as a share of the size."""
 LEVEL = ("accel_bias.x", "accel_bias.y")
 """Columns along which an attitude error acts like an error of the accelerometer."""
-TRIMMED = 0.15
-"""Least share of a parameter's information on either side of the moment of a change."""
 CERTAIN_Z = 5.0
 """Least z of a change. The 1 % point for 20 parameters is 4.2 (Andrews, 1993, table I, by Bonferroni)."""
 
@@ -129,24 +130,35 @@ class Parts:
         return series
 
 
-def onset(found: SearchResult, parts: Parts) -> Onset | None:
-    """Return the most certain change of a term's parameter within a flight, or None."""
+def onset(
+    last: QuadraticLikelihood, chosen: Sequence[Effect], among: Sequence[Effect], parts: Parts,
+    least_z: float = CERTAIN_Z,
+) -> Onset | None:  # fmt: skip
+    """Return the most certain change of a size within a flight beside the chosen effects, or None. ``among``:
+    the terms, and constant errors of single channels, that may change."""
     changes = [
         change
-        for effect in found.last.effects if effect.is_term
+        for effect in among
         for k, perturbation in enumerate(effect.perturbations) if not is_variance(perturbation)
-        for change in _changes(found, parts, effect, k) if change.z > CERTAIN_Z
+        for change in _changes(last, chosen, effect, k, parts) if change.z > least_z
     ]  # fmt: skip
     return max(changes, key=lambda change: change.z, default=None)
 
 
-def _changes(found: SearchResult, parts: Parts, effect: Effect, k: int) -> list[Onset]:
+def _changes(
+    last: QuadraticLikelihood, chosen: Sequence[Effect], effect: Effect, k: int, parts: Parts
+) -> list[Onset]:
     """Return the likeliest change of an effect's column k in each flight, beside the chosen effects."""
-    last, fisher, column = found.last, parts.fisher, effect.columns[k]
-    parameter, onsets = CATALOGUE[effect.name].parameter(effect.parameters[k]), []
-    effects = [*(e for e in found.chosen if not e.repeats(effect)), effect]
-    step = last.maximise(effects).whole
-    rest = last.index([c for e in effects for c in e.columns if c != column])
+    fisher, column, moved = parts.fisher, effect.columns[k], effect.perturbations[k]
+    if effect.is_term:
+        factor, parameter = fitted_parameter(column).factor, effect.parameters[k]
+        unit = CATALOGUE[effect.name].parameter(parameter).unit
+        concerns = {"effect": effect.name, "parameter": parameter}
+    else:
+        unit, concerns, factor = CHANNEL_UNITS[moved.entry], {"channel": CHANNELS[moved.entry]}, 1.0
+    effects = [*(e for e in chosen if not e.repeats(effect)), effect]
+    step, onsets = last.maximise(effects).whole, []
+    rest = last.index([*last.names, *(c for e in effects for c in e.columns if c != column)])
     # What is left of the column once the others are projected out.
     along = np.zeros(len(step))
     along[last.index([column])] = 1.0
@@ -156,32 +168,38 @@ def _changes(found: SearchResult, parts: Parts, effect: Effect, k: int) -> list[
     known = (fisher.information @ along) @ along
     for flight in np.unique(fisher.flight).tolist():
         inside, name = fisher.flight == flight, flights_to_name(parts.names)[flight]
-        after, change, z = _break(score[inside], known[inside], effect.tolerance)
-        onsets.append(Onset(
-            flight=name, effect=effect.name, parameter=parameter.name, z=z,
-            time_s=float(parts.begin_s[inside][after]), change=change, unit=parameter.unit,
-        ))  # fmt: skip
+        after, change, z = likeliest_break(score[inside], known[inside], effect.tolerance, not last.clustered)
+        at_s = float(parts.begin_s[inside][after])
+        onsets.append(Onset(at_s, factor * change, unit, flight=name, z=z, **concerns))
     return onsets
 
 
-def _break(score: Array, information: Array, tolerance: float) -> tuple[int, float, float]:
-    """Return the first segment after the likeliest break, the change there, and its z: Student's, as a normal
-    one, by the variance of the segments about the two sizes, no less than that of white rows."""
-    count, whole = len(score), float(information.sum())
-    sums = np.cumsum([score, information, score**2, score * information, information**2], axis=1)
-    last = np.flatnonzero(np.minimum(sums[1], whole - sums[1]) >= TRIMMED * whole)
-    if count < FEWEST_PARTS or whole <= 0.0 or not len(last):
-        return 0, 0.0, 0.0
-    # Sums over the segments on either side of each break.
-    s, n, ss, sn, nn = np.swapaxes([sums[:, last], sums[:, -1:] - sums[:, last]], 0, 1)
-    sizes = s / n
-    squares = ss - 2.0 * sizes * sn + sizes**2 * nn
-    variance = np.sum(np.maximum(squares * count / (count - 2), n) / n**2, axis=0)
-    change = sizes[1] - sizes[0]
-    t = np.abs(change) / np.sqrt(variance + tolerance**2)
-    k = int(np.argmax(t))
-    z = float(-norm.ppf(max(float(student.sf(t[k], count - 2)), 1e-300)))
-    return int(last[k]) + 1, float(change[k]), z
+def commanded_onset(found: SearchResult, parameters: FilterParameters, least_z: float) -> Onset | None:
+    """Return the most certain change within a flight with commands beside the chosen terms, which are in the
+    ``parameters``, or None."""
+    among = [
+        e for e in (*found.last.effects, *found.last.patterns)
+        if e.name in CONSTANTS or (e.is_term and e.perturbations and not e.is_profiled)
+    ]  # fmt: skip
+    effects = [*(e.free for e in found.chosen), *among]
+    moved = list(dict.fromkeys([*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]))
+    names = tuple(d.name for d in moved)
+
+    def one(k: int) -> list[tuple[float, Array, Array]]:
+        times_s, (_, _, step_s) = found.records[k].times_s, found.records[k].steps
+        signals = {"one": (np.ones(len(step_s)), np.ones(len(times_s)))}
+        segments = Run(found.records[k], parameters, moved, signals).segments(MOMENT_S)
+        known = ((rows.events, rows.sensitivity, rows.white) for rows in segments if len(rows.events))
+        return [(float(times_s[events[0]]), by.T @ by, by.T @ white) for events, by, white in known]
+
+    each = in_threads(one, range(len(found.records)))
+    begin_s, information, score = (np.array(of) for of in zip(*chain(*each), strict=True))
+    flight = np.repeat(np.arange(len(each)), [len(parts) for parts in each])
+    fisher = FisherInformation(names, flight, information, score, np.zeros(len(score)))
+    parts = Parts(fisher, [record.name for record in found.records], begin_s, MOMENT_S)
+    last = replace(found.last, fisher=fisher, parameters=parameters, nuisances=MEAN_NUISANCES)
+    chosen = [e.free for e in found.chosen if {*e.free.columns} <= {*names}]
+    return onset(last, chosen, among, parts, least_z)
 
 
 DISAGREE_Z = 4.0

@@ -27,15 +27,16 @@ from slam.criticism.search.thresholds import Thresholds
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.held_out import CONFIRMED_NATS, held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
-from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Parts, SizeOverTime, onset
+from slam.criticism.verdict.over_time import PART_S, Parts, SizeOverTime, onset
 from slam.criticism.verdict.posterior import doubtful_components, posterior_of, required_nats
 from slam.criticism.verdict.rollouts import Covariate, covariate_of
-from slam.criticism.without_commands.likelihood import contradiction, fisher_of, likelihood_of
+from slam.criticism.without_commands.likelihood import fisher_of, likelihood_of
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, channel_errors
 from slam.data_quality.axes import axes_of_all
+from slam.data_quality.break_in_time import FEWEST_PARTS
 from slam.data_quality.finding import Finding, Remark
 from slam.data_quality.jumps import jumps_of_all
-from slam.data_quality.whitened_rows import FlightRows, WhitenedRows, table_of
+from slam.data_quality.whitened_rows import FlightRows, WhitenedRows, contradiction, table_of
 from slam.simulation.model import Model
 
 STANDS_OUT_Z = 4.0
@@ -85,7 +86,8 @@ class ComparedFlights(Evidence):
 
     @cached_property
     def _onset(self) -> Onset | None:
-        return onset(self.found, self._parts(PART_S))
+        terms = [effect for effect in self.found.last.effects if effect.is_term]
+        return onset(self.found.last, self.found.chosen, terms, self._parts(PART_S))
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:

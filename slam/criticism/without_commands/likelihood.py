@@ -26,9 +26,15 @@ from slam.criticism.search.fitted_parameters import fitted_parameter, with_steps
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.data_quality.comparison_derivatives import SMOOTHING
-from slam.data_quality.finding import Remark
 from slam.data_quality.inertial_comparison import segment_numbers
-from slam.data_quality.whitened_rows import FlightRows, WhitenedRows, columns_of, segments_of, table_of
+from slam.data_quality.whitened_rows import (
+    PICTURES,
+    FlightRows,
+    WhitenedRows,
+    columns_of,
+    segments_of,
+    table_of,
+)
 from slam.simulation.terms import CATALOGUE
 
 Sizes = Mapping[str, float]
@@ -108,15 +114,12 @@ def _effects(columns: Sequence[str]) -> tuple[Effect, ...]:
     return tuple(effects)
 
 
-PICTURES = "pictures"
 USUAL_STD = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
 """Standard deviations of quantities that differ between healthy flights."""
 _PRIOR = 1e-9
 """Information added on errors that nothing in a segment shows."""
 LEAST_INFORMATION = 1e-9
 """Least share of the information: a combination of errors with less is dropped."""
-CONTRADICTED = 2.0
-"""Ratio of residuals to their noise beyond which pictures contradict the path; 1 for healthy flights."""
 FEWEST_PICTURES = 6
 """Least number of pictures of a segment."""
 PICTURE_COLUMNS = (
@@ -176,13 +179,3 @@ def _roots(information: Array, score: Array) -> tuple[Array, Array]:
     observed = known > LEAST_INFORMATION
     root, turned = np.sqrt(known[observed]), turned[:, observed].T
     return root[:, None] * turned * scale, turned @ (score / scale) / root
-
-
-def contradiction(rows: FlightRows) -> list[Remark]:
-    """Return whether pictures and path disagree by more than all errors together explain."""
-    over = [r.noise for flight in rows for r in flight if r.kind == PICTURES]
-    if not over or float(np.median(over)) < CONTRADICTED:
-        return []
-    by = f"{min(over):.1f} to {max(over):.1f} times their noise"
-    text = f"pictures disagree with the path of the other instruments by {by}"
-    return [Remark(text, channel="pictures")]

@@ -25,13 +25,13 @@ flow."""
 LEVELS, LEFT = 8.0, 0.5
 """Least reduction of the local difference by the flow in grey levels, and share that may remain."""
 PATCH = (5, 5)
+PASS_S, LEAST_PASS = 1.0, 3
+"""Greatest time between two pictures of a moving object, and least number of them beyond chance."""
 BORDER_PX = 4
 LEAST_SEEN = 0.2
 LEAST_AREA = 0.005
 """Smallest area of a moving object, as a share of the picture. Over floors of two generators none of 900
 healthy pairs exceeded it; objects as large as a third of the picture exceeded it in two pairs of three."""
-PASS_S, LEAST_PASS = 1.0, 3
-"""Greatest time between two pictures of a moving object, and least number of them beyond chance."""
 
 
 def has_moving_object(small_i: Image, laid: Overlaid, camera: Camera) -> bool:

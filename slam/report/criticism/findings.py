@@ -11,14 +11,13 @@ from slam.core.units import everyday, spaced, to_error
 from slam.criticism.finding import (
     ImplausibleSize,
     Inconsistency,
-    LateReadings,
     NameInDoubt,
     Onset,
     OutOfRange,
     ResidualPattern,
-    VaryingSize,
 )
-from slam.data_quality.finding import Finding
+from slam.data_quality.finding import Finding, VaryingSize
+from slam.data_quality.lag import LateReadings
 from slam.report.criticism.plain_names import (
     constant,
     figure,
@@ -189,6 +188,8 @@ def _change(found: Onset, by: str, result: Criticism) -> str:
 
 
 def _named(found: Finding) -> str:
+    if not found.effect:
+        return f"an error of the {reading(found.channel)}"
     return f"{CATALOGUE[found.effect].title} ({quantity(found.effect, found.parameter)})"
 
 

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise, run
-from slam.criticism.verdict.over_time import CERTAIN_Z, _break
+from slam.criticism.finding import Onset
+from slam.criticism.verdict.over_time import CERTAIN_Z
 from slam.criticism.without_commands.explanation import ComparedFlights
 from slam.data_quality.axes import IN_WORLD, wrong_axes
+from slam.data_quality.break_in_time import likeliest_break
 from slam.data_quality.inertial_comparison import Averages, into_world
+from slam.data_quality.jumps import Jump
 from slam.data_quality.whitened_rows import WhitenedRows
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
@@ -31,12 +34,12 @@ def segments(rng: np.random.Generator, jump: float, count: int = 24) -> tuple[np
 
 def test_chance_hardly_makes_an_onset_and_a_jump_does():
     rng = np.random.default_rng(1)
-    z = np.array([_break(*segments(rng, 0.0), 0.0)[2] for _ in range(SHOWN)])
+    z = np.array([likeliest_break(*segments(rng, 0.0), 0.0)[2] for _ in range(SHOWN)])
     # Andrews (1993), table I: 8.85 is the 5 % point of the square for one parameter.
     assert np.mean(z > np.sqrt(8.85)) < 0.05
     assert np.median(z) > 0.5
     assert np.mean(z > 5.0) == 0.0
-    place, change, z_jump = _break(*segments(rng, 8.0), 0.0)
+    place, change, z_jump = likeliest_break(*segments(rng, 8.0), 0.0)
     assert abs(place - 12) <= 1
     assert change == pytest.approx(8.0, abs=1.5)
     assert z_jump > 5.0
@@ -54,7 +57,7 @@ def test_an_onset_is_told_though_the_noise_of_the_rows_has_it_in_it(jump):
     parts = ComparedFlights._parts(SimpleNamespace(rows=[[rows]], flights=[SimpleNamespace(name="a")]), 5.0)
     own = parts.fisher.columns.index("gyro_bias.z")
     score, information = parts.fisher.score[:, own], parts.fisher.information[:, own, own]
-    place, change, z = _break(score, information, 1e-3)
+    place, change, z = likeliest_break(score, information, 1e-3)
     assert (z > CERTAIN_Z) == (jump > 0.0)
     if jump:
         assert place == 6
@@ -62,7 +65,7 @@ def test_an_onset_is_told_though_the_noise_of_the_rows_has_it_in_it(jump):
 
 
 def test_a_tolerance_hides_a_jump_below_it():
-    assert _break(*segments(np.random.default_rng(2), 8.0), 8.0)[2] < 1.5
+    assert likeliest_break(*segments(np.random.default_rng(2), 8.0), 8.0)[2] < 1.5
 
 
 def turning_flight():
@@ -128,3 +131,41 @@ def test_a_frozen_stream_is_told_on_flights_with_commands(stream):
     assert found.causes == ()
     assert f"the {stream} repeats its reading" in found.remainder
     assert found.verdict == "unknown"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "size", "told"),
+    [
+        ("gyro bias half-way", 0.02, ("gyro_bias", "x", "")),
+        ("velocity bias half-way", 0.1, ("", "", "velocity_x")),
+    ],
+)
+def test_what_begins_within_a_flight_with_commands_is_told_with_its_moment(name, size, told):
+    plan = ["three speeds forward: 0.1, 0.2, 0.4", "tilts of 15 deg to all four sides"]
+    healthy, other = (simulate_flight(SLOWER, stick_for(plan), seed) for seed in (1, 2))
+    found = criticise([healthy, KINDS[name].inject(other, size)], SLOWER)
+    change = next(finding for finding in found.findings if isinstance(finding, Onset))
+    assert (change.effect, change.parameter, change.channel) == told
+    assert change.flight == other.name
+    assert change.time_s == pytest.approx(other.imu.stamps_s[[0, -1]].mean(), abs=1.5)
+    assert change.change == pytest.approx(size, rel=0.25)
+
+
+@pytest.mark.slow
+def test_a_sonar_whose_zero_jumps_within_a_flight_with_commands_is_told():
+    flight = simulate_flight(SLOWER, stick_for(["three speeds forward: 0.1, 0.2, 0.4"]), 1)
+    middle_s = flight.sonar.stamps_s[[0, -1]].mean()
+    range_m = flight.sonar.range_m + 0.1 * (flight.sonar.stamps_s > middle_s)
+    found = criticise([replace(flight, sonar=replace(flight.sonar, range_m=range_m))], SLOWER)
+    (jump,) = (finding for finding in found.findings if isinstance(finding, Jump))
+    assert (jump.channel, jump.count) == ("range", 1)
+    assert jump.size == pytest.approx(0.1, rel=0.2)
+    assert jump.time_s == pytest.approx(middle_s, abs=0.2)
+
+
+def test_a_change_stands_out_more_where_rows_are_known_to_be_white():
+    score, information = segments(np.random.default_rng(4), 8.0, 10)
+    (_, change, z), (_, same, white_z) = (likeliest_break(score, information, 0.0, w) for w in (False, True))
+    assert change == same
+    assert white_z > 1.3 * z

@@ -29,7 +29,7 @@ def moved(stream, field, column, size, where):
     """Return the flight with a column of a stream shifted where it holds."""
     series = getattr(flown(), stream)
     values = getattr(series, field).copy()
-    values[where(series.stamps_s), column] += size
+    values[where(series.stamps_s), *(() if column is ... else (column,))] += size
     return replace(flown(), **{stream: replace(series, **{field: values})})
 
 
@@ -44,6 +44,7 @@ def test_a_flight_that_moves_and_turns_has_no_jump():
         ("velocity", "v_m_s", 1, -1.0, "velocity", 1.0),
         ("attitude", "roll_pitch_yaw_rad", 2, 0.5, "yaw", np.degrees(0.5)),
         ("attitude", "roll_pitch_yaw_rad", 0, -0.2, "roll", np.degrees(0.2)),
+        ("sonar", "range_m", ..., 0.1, "range", 0.1),
     ],
 )
 def test_a_reset_is_told_with_its_size_and_its_moment(stream, field, column, size, channel, told):
@@ -117,3 +118,25 @@ def test_a_flight_that_is_too_short_has_none():
     kept = velocity.stamps_s < begin_s + 1.2
     short = replace(velocity, stamps_s=velocity.stamps_s[kept], v_m_s=velocity.v_m_s[kept])
     assert jumps(replace(flight, velocity=short)) == []
+
+
+@pytest.mark.parametrize("late_s", [0.1, 0.2])
+def test_a_sonar_that_lags_does_not_jump_with_each_climb(late_s: float):
+    sonar = flown().sonar
+    lagging = np.interp(sonar.stamps_s - late_s, sonar.stamps_s, sonar.range_m)
+    assert jumps(replace(flown(), sonar=replace(sonar, range_m=lagging))) == []
+
+
+def test_a_rate_that_jumps_between_two_samples_of_the_gyro_is_no_jump_of_the_attitude():
+    model = load_model("nominal")
+    slow = replace(model, imu=replace(model.imu, rate_hz=60.0))
+    plan = stick_for(["hover for 8 s", "0.6 and 0.9 of the stick forward for 0.6 s", "hover for 8 s"])
+    assert all(jumps(simulate_flight(slow, plan, seed)) == [] for seed in range(2))
+
+
+def test_a_range_over_a_box_is_a_step_of_the_floor_where_commands_show_it():
+    begin_s = flown().imu.stamps_s[0]
+    (box,) = jumps(moved("sonar", "range_m", ..., -0.3, lambda t: (t > begin_s + 8.0) & (t < begin_s + 16.0)))
+    assert (box.channel, box.count, box.is_shown_otherwise) == ("range", 2, True)
+    (zero,) = jumps(moved("sonar", "range_m", ..., 0.3, lambda t: t > begin_s + 15.0))
+    assert (zero.count, zero.is_shown_otherwise) == (1, False)

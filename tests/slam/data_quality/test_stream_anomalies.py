@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.core.streams import Sonar
 from slam.data_quality.channels import InstrumentReadings
 from slam.data_quality.frozen import frozen
+from slam.data_quality.in_motion import others_move
 from slam.data_quality.oscillation import strongest_line
 from slam.data_quality.rounding import rounding
+from slam.data_quality.silent import silent
 
 RATE_HZ, STD = 50.0, 0.02
 
@@ -116,3 +119,71 @@ def test_a_line_is_told_with_frequency_and_amplitude(amplitude: float, told: boo
     if found is not None:
         assert found.frequency_hz == pytest.approx(7.0, abs=0.05)
         assert found.amplitude == pytest.approx(amplitude, rel=0.1)
+
+
+def half_way(change):
+    """Return a change of readings that begins half-way."""
+
+    def changed(healthy: InstrumentReadings) -> InstrumentReadings:
+        late = np.arange(len(healthy.values)) >= len(healthy.values) // 2
+        return replace(healthy, values=np.where(late[:, None], change(healthy.values), healthy.values))
+
+    return changed
+
+
+def always(begin_s: float, end_s: float) -> bool:
+    return True
+
+
+@pytest.mark.parametrize("value", [0.0, None])
+def test_a_stream_that_freezes_to_the_end_is_told_where_the_others_show_a_motion(value: float | None):
+    at = len(stream().values) // 2
+    ended = half_way(lambda x: 0.0 * x + (x[at] if value is None else value))(stream())
+    found = frozen(ended, always)
+    assert found is not None
+    assert found.begin_s[0] == pytest.approx(30.0)
+    assert found.share == pytest.approx(0.5, abs=0.01)
+    # It may stand on the floor.
+    assert frozen(ended) is None
+
+
+def test_a_rounding_that_begins_is_told_with_its_moment():
+    found = rounding(half_way(lambda x: 0.05 * np.round(x / 0.05))(stream()))
+    assert found is not None
+    assert (found.begin_s, found.lasts_s) == (pytest.approx(30.0, abs=0.2), pytest.approx(30.0, abs=0.2))
+    assert found.step == pytest.approx(0.05)
+    assert str(found).endswith("from 30 s on, for 30 s")
+    # A cause of the catalogue is a rounding of the whole flight.
+    assert not replace(found, channel="range").is_shown_otherwise
+
+
+@pytest.mark.parametrize("begin_s", [20.0, 40.0])
+def test_a_stream_without_readings_is_told_with_begin_and_duration(begin_s: float):
+    healthy = stream()
+    gone = (healthy.stamps_s > begin_s) & (healthy.stamps_s < begin_s + 20.0)
+    found = silent(
+        replace(healthy, values=np.where(gone[:, None], np.nan, healthy.values)), 60.0, always, None
+    )
+    assert found is not None
+    assert (found.begin_s, found.lasts_s) == (pytest.approx(begin_s), pytest.approx(20.0, abs=0.1))
+    assert found.is_last == (begin_s == 40.0)
+    assert silent(healthy, 64.0, always, None) is None
+
+
+def test_a_sonar_at_its_limit_may_lose_the_echo():
+    healthy = stream()
+    range_m = 2.0 + np.sin(2.0 * np.pi * healthy.stamps_s / 60.0)  # highest at 15 s, in the middle at 30 s
+    for begin_s, told in ((14.0, False), (29.0, True)):
+        gone = (healthy.stamps_s > begin_s) & (healthy.stamps_s < begin_s + 8.0)
+        values = np.where(gone, np.nan, range_m)[:, None]
+        sonar = replace(healthy, name="sonar", values=values, channels=("range",))
+        found = silent(sonar, 60.0, always, Sonar(healthy.stamps_s, values[:, 0], max_range_m=3.2))
+        assert (found is not None) == told
+
+
+def test_what_rests_while_the_others_show_no_motion_is_no_failure():
+    flying, resting = stream(), replace(stream(), name="gyro")
+    late = resting.stamps_s > 40.0
+    resting = replace(resting, values=np.where(late[:, None], 0.01 * resting.values, resting.values))
+    assert others_move([flying, resting], "gyro", 40.0, 60.0)
+    assert not others_move([flying, resting], "velocity", 40.0, 60.0)

@@ -10,19 +10,19 @@ import pytest
 from slam.criticism.finding import (
     ImplausibleSize,
     Inconsistency,
-    LateReadings,
     NameInDoubt,
     Onset,
     OutOfRange,
     ResidualPattern,
-    VaryingSize,
 )
 from slam.criticism.verdict.criticism import Criticism
-from slam.data_quality.finding import Finding, Remark, flights_to_name
+from slam.data_quality.finding import Finding, Remark, VaryingSize, flights_to_name
 from slam.data_quality.frozen import Frozen
 from slam.data_quality.jumps import Jump
+from slam.data_quality.lag import LateReadings
 from slam.data_quality.oscillation import Line, Vibration
 from slam.data_quality.rounding import Rounding
+from slam.data_quality.silent import Silent
 from slam.report.criticism.findings import concerned, in_words
 from slam.simulation.model import load_model
 
@@ -44,6 +44,21 @@ EACH: tuple[tuple[Finding, str, str, str], ...] = (
         Rounding(0.0175, "rad", channel="pitch", flight="second"),
         "second: pitch is rounded to steps of 0.0175 rad (1 deg)",
         "second: pitch is rounded to steps", "the attitude",
+    ),
+    (
+        Rounding(0.1, "m", 20.4, 19.6, channel="range"),
+        "range is rounded to steps of 0.1 m from 20 s on, for 20 s",
+        "from 20 s on, for 20 s.", "the height sensor",
+    ),
+    (
+        Silent(20.4, 19.6, True, channel="gyro"),
+        "the gyro has no readings from 20 s to the end, and the others go on",
+        "has no readings from 20 s to the end", "the gyro",
+    ),
+    (
+        Silent(20.4, 9.6, False, channel="sonar"),
+        "the sonar has no readings from 20 s for 9.6 s, and the others go on",
+        "has no readings from 20 s for 9.6 s", "the height sensor",
     ),
     (
         Line(7.0, 0.3, "m/s^2", channel="accel_z"),
@@ -125,6 +140,11 @@ EACH: tuple[tuple[Finding, str, str, str], ...] = (
         Onset(490.0, -0.0023, "rad/s", effect="gyro_bias", parameter="y", z=10.2),
         "gyro_bias.y changes by -0.0023 rad/s at about 490 s (z = 10.2)",
         "by -0.132 deg/s at about 490 s (by", "the gyro",
+    ),
+    (
+        Onset(21.4, 0.11, "m/s", channel="velocity_x", z=9.1),
+        "an error of velocity_x changes by 0.11 m/s at about 21 s (z = 9.1)",
+        "an error of the speed ahead changes by 0.11 m/s at about 21 s (by", "the speed sensor",
     ),
     (
         Onset(0.0, -0.0023, "rad/s", flight="first", effect="gyro_bias", parameter="y", z=10.2),
