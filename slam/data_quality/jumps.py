@@ -40,8 +40,8 @@ Ints = NDArray[np.int64]
 LEAST_RATIO = 6.0
 """Least jump in standard deviations of all changes, no less than those of a median of readings."""
 AHEAD, MOST_JUMPS = 1.5, 10
-"""Least ratio of a jump to what else is greatest in its flight, and most jumps of a channel. On measured
-flights without one the ratio is up to 1.3; jumps of 1 m/s in their velocity have 2.3 and more."""
+"""Least ratio of a jump to what else is greatest in its flight, and most jumps of a channel. For attitude and
+velocity it is up to 1.3 on measured flights without a jump, and 2.2 and more with a jump of 1 m/s."""
 LEAST_LOCAL = 5.0
 """Least jump in standard deviations of the medians by the scatter of their own readings: a noise may grow."""
 MEDIAN = 1.2533
