@@ -12,7 +12,7 @@ import numpy as np
 
 from backend.measurements import RelativePose
 from slam.core.estimate import Estimate, LoopVerdict
-from slam.core.messages import as_reason, joined
+from slam.core.messages import Message, joined, parsed, warning
 from slam.core.progress import Progress
 
 if TYPE_CHECKING:
@@ -70,24 +70,25 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
     )
     estimate = _estimate(path.stem, graph, solution, timing_s)
     if not certificate.certified:
-        doubt = _other_arrangement(solution) if np.isfinite(certificate.gap) else ""
-        said = (as_reason(doubt) if doubt else "", certificate.sentence(solution.error))
+        doubt = _other_arrangement(solution) if np.isfinite(certificate.gap) else None
+        said = (doubt and doubt.as_reason(), parsed(certificate.sentence(solution.error)))
         estimate = replace(estimate, messages=joined(*estimate.messages, *said))
     return replace(estimate, certificate=certificate), solved
 
 
-def _other_arrangement(solution: Solution) -> str:
-    """Return a sentence if attitudes are so uncertain that the graph may have another minimum; else empty."""
+def _other_arrangement(solution: Solution) -> Message | None:
+    """Return a sentence if attitudes are so uncertain that the graph may have another minimum; else None."""
     if solution.covariances is None:
-        return ""
+        return None
     known = solution.covariances[np.isfinite(solution.covariances).all(axis=(1, 2))]
     turn = float(np.sqrt(np.linalg.eigvalsh(known[:, :3, :3]).max(initial=0.0)))
     if turn < _LINEAR_RAD:
-        return ""
-    return (
+        return None
+    return warning(
         f"attitudes are uncertain by up to {np.degrees(turn):.0f} deg, and nothing certifies that no other"
         " arrangement of the poses fits better: standard deviations hold to first order only, poses may be"
-        " further off; add edges, or ones of smaller deviations"
+        " further off",
+        "add edges, or ones of smaller deviations",
     )
 
 
@@ -166,11 +167,10 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
         rejected=graph.dropped | {why: count for why, count in rejected.items() if count},
         timing_s=timing_s,
         messages=joined(
-            *map(as_reason, solution.reasons),
-            *graph.warnings,
+            *(parsed(text).as_reason() for text in solution.reasons),
+            *map(parsed, graph.warnings),
             *stamp_warning,
-            *solution.warnings,
-            *solution.unobserved,
+            *map(parsed, (*solution.warnings, *solution.unobserved)),
         ),
         graph_error=solution.error,
         row_mistakes=solution.row_mistakes,
@@ -178,16 +178,16 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
     )
 
 
-def _stamps(graph: PoseGraph) -> tuple[np.ndarray, list[str]]:
+def _stamps(graph: PoseGraph) -> tuple[np.ndarray, list[Message]]:
     """Return a stamp for each vertex, and a warning if it is not the vertex's number."""
     largest = int(graph.ids.max(initial=0))
     if largest <= _MAX_STAMP_S:
         return graph.ids.astype(np.float64), []
-    warning = (
+    said = warning(
         f"vertex numbers up to {largest} are too large for stamps: the stamps count the vertices from 0 on, "
         "in order of their numbers"
     )
-    return np.arange(len(graph.ids), dtype=np.float64), [warning]
+    return np.arange(len(graph.ids), dtype=np.float64), [said]
 
 
 def _covariances(graph: PoseGraph) -> np.ndarray:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slam.core.errors import InputError
+from slam.core.messages import warning
 from slam.core.streams import FIELD_BY_FOLDER
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ def _open(path: Path, parts: tuple[Path, ...], progress: Progress, request: Requ
 
     if not parts or path != parts[0]:
         return open_flight(path, progress, request)[0]
-    line = f"{', '.join(part.name for part in parts)} are read as the parts of one recording"
+    line = warning(f"{', '.join(part.name for part in parts)} are read as the parts of one recording")
     return flight_of(open_recording(*parts), request, progress).with_warning(line)
 
 

@@ -16,7 +16,7 @@ from slam.core.estimate import Estimate, GroundFacts
 from slam.core.figure_table import FigureTable
 from slam.core.flight import Flight
 from slam.core.lost_pictures import REDUNDANT
-from slam.core.messages import Line, as_note, joined
+from slam.core.messages import Message, joined, note, parsed, warning
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.core.summary import Summary, json_text, summarise
@@ -112,7 +112,7 @@ def _write_map_mcap(folder: Path, estimate: Estimate, flight: Flight, progress: 
         write(exported, folder / MAP_MCAP)
 
 
-def _write_in_system(folder: Path, estimate: Estimate, wanted: str | None) -> tuple[Line, ...]:
+def _write_in_system(folder: Path, estimate: Estimate, wanted: str | None) -> tuple[Message, ...]:
     """Write the rasters in another coordinate system beside them, and return messages about them.
 
     ``wanted`` is `MosaicOptions.crs`. What the user did not ask for is left out silently where it cannot be.
@@ -125,16 +125,17 @@ def _write_in_system(folder: Path, estimate: Estimate, wanted: str | None) -> tu
         return ()
     names = {name: RASTERS_IN_SYSTEM[name] for name in rasters_in(folder, estimate)}
     if not names:
-        return (f"--crs {system}: there are no rasters to write in it",) if wanted else ()
+        said = warning(f"--crs {system}: there are no rasters to write in it")
+        return (said,) if wanted else ()
     if estimate.origin is None:
-        why = f"--crs {system}: no rasters in it, since the map was not placed on Earth"
-        return (why,) if wanted else ()
+        said = warning(f"--crs {system}: no rasters in it, since the map was not placed on Earth")
+        return (said,) if wanted else ()
     try:
         targets = {name: folder / written for name, written in names.items()}
         colours, *stretch, heights = write_rasters(estimate, folder, targets, system)
     except InputError as refusal:
-        return (f"no rasters in another system: {refusal}",)
-    return (as_note(f"{', '.join(names.values())}: {colours}; {heights}"), *stretch)
+        return (parsed(f"no rasters in another system: {refusal}"),)
+    return (note(f"{', '.join(names.values())}: {colours}", heights), *map(parsed, stretch))
 
 
 def write_solution(folder: Path, estimate: Estimate, graph: PoseGraph) -> None:
@@ -166,42 +167,49 @@ def write_summary_and_report(
     return Results(facts, summary, accuracy.tables, mosaic_facts(mosaics.after, mosaics.quality))
 
 
-def _ground_messages(ground: GroundFacts, metric: bool) -> list[Line]:
+def _ground_messages(ground: GroundFacts, metric: bool) -> list[Message]:
     """Return the sentences about ground that is not flat, and about ground that pictures do not agree on."""
     return [*_relief_messages(ground, metric), *_unmatched_messages(ground, metric)]
 
 
-def _unmatched_messages(ground: GroundFacts, metric: bool) -> list[Line]:
+def _unmatched_messages(ground: GroundFacts, metric: bool) -> list[Message]:
     if ground.unmatched_at_m is None:
         return []
     x, y = (f"{at:.1f}" for at in ground.unmatched_at_m)
     return [
-        as_note(
+        note(
             f"mosaic: on {percent(ground.unmatched_share)} of the ground the pictures do not agree, the "
             f"largest piece around x = {x}, y = {y} {unit(metric)}: water, what moves or a surface without "
-            "texture; nothing tells heights there"
+            "texture",
+            "nothing tells heights there",
         )
     ]
 
 
-def _relief_messages(ground: GroundFacts, metric: bool) -> list[Line]:
+def _relief_messages(ground: GroundFacts, metric: bool) -> list[Message]:
     if ground.relief_share == 0:
         return []
     before, after = ground.over_floor_px[-1], ground.misregistration_px[-1]
     if not ground.is_measured:
         return [
-            f"mosaic: {percent(ground.relief_share)} of the ground is not flat, but no two pictures show "
-            "its height; it is drawn as if it were flat, and pictures of 95 % of the ground agree only "
-            f"within {after:.2g} px; take pictures that overlap by 60 to 95 %"
+            warning(
+                f"mosaic: {percent(ground.relief_share)} of the ground is not flat, but no two pictures show "
+                "its height",
+                "it is drawn as if it were flat, and pictures of 95 % of the ground agree only "
+                f"within {after:.2g} px",
+                "take pictures that overlap by 60 to 95 %",
+            )
         ]
     trusted = percent(ground.trusted_share)
-    untrusted = f"; trust those of {trusted} of all ground: {ground.untrusted}" if ground.untrusted else ""
+    untrusted = f"trust those of {trusted} of all ground: {ground.untrusted}" if ground.untrusted else ""
     return [
-        as_note(
+        note(
             f"mosaic: {percent(ground.relief_share)} of the ground is not flat: heights were "
             f"measured, from {length(ground.lowest_m, metric)} to {length(ground.highest_m, metric)} over "
-            f"the floor{untrusted}; pictures of 95 % of the ground agree within {after:.2g} px, on a flat "
-            f"floor it would be {before:.2g} px"
+            "the floor",
+            untrusted,
+            f"pictures of 95 % of the ground agree within {after:.2g} px, on a flat floor it would be "
+            f"{before:.2g} px",
         )
     ]
 
@@ -213,7 +221,7 @@ def _write_mosaics(
     options: MosaicOptions,
     progress: Progress,
     checkpoints: Checkpoints,
-) -> tuple[Mosaics, tuple[Line, ...], MosaicFiles | None]:
+) -> tuple[Mosaics, tuple[Message, ...], MosaicFiles | None]:
     """Write the mosaics of the map and of the plain chain, and return warnings and what was made.
 
     A mosaic that cannot be drawn gives a warning.
@@ -224,7 +232,7 @@ def _write_mosaics(
     if not options.wanted:
         return Mosaics(), (), None
     if not np.isfinite(estimate.w_T_b).all(axis=(1, 2)).any():
-        return Mosaics(), ("no mosaic: no keyframe could be placed; the status says why",), None
+        return Mosaics(), (warning("no mosaic: no keyframe could be placed", "the status says why"),), None
     chain_picture: Path | None = None
     try:
         earlier = options.previous_output / "mosaic.tif" if options.previous_output else None
@@ -232,26 +240,27 @@ def _write_mosaics(
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise
-        return Mosaics(), (f"no mosaic: {refusal}",), None
+        return Mosaics(), (parsed(f"no mosaic: {refusal}"),), None
     names: dict[str, list[str]] = {}
     for name, reason in made.not_drawn.items():
         if reason != REDUNDANT:  # summary.json names these
             names.setdefault(reason, []).append(name)
-    notes: list[Line] = [
-        f"mosaic: {counted(len(of), 'keyframe')} left out: {why} ({listed(of)})" for why, of in names.items()
+    notes: list[Message] = [
+        warning(f"mosaic: {counted(len(of), 'keyframe')} left out: {why} ({listed(of)})")
+        for why, of in names.items()
     ]
     if made.partly_drawn:
         of = [f"{name}: {what}" for name, what in made.partly_drawn.items()]
-        notes.append(as_note(f"mosaic: {counted(len(of), 'keyframe')} drawn in part ({listed(of)})"))
+        notes.append(note(f"mosaic: {counted(len(of), 'keyframe')} drawn in part ({listed(of)})"))
     if made.note:
-        notes.append(as_note(f"mosaic: {made.note}"))
+        notes.append(note(f"mosaic: {made.note}"))
     notes += _ground_messages(made.ground.facts, estimate.metric)
     if made.kept:
         kept = (
             f"mosaic: {made.kept} of its {made.tiles} tiles did not change, and were taken over from the "
             "earlier run in this folder"
         )
-        notes.append(as_note(kept))
+        notes.append(note(kept))
     try:
         chain = chain_on_result(estimate)
         chain_picture = write_chain_picture(
@@ -260,5 +269,5 @@ def _write_mosaics(
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise
-        notes.append(f"no mosaic of the plain chain: {refusal}")
+        notes.append(warning(f"no mosaic of the plain chain: {refusal}"))
     return Mosaics(made.png, chain_picture, made.quality.with_suffix(".png")), tuple(notes), made

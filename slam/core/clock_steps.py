@@ -17,7 +17,7 @@ from backend.clocks.picture_clock import PictureClock, picture_clock
 from backend.measurements import InertialReadings
 from slam.core.flight import Flight
 from slam.core.instrument_readings import MAX_GAP_S, attitude_readings, inertial_readings
-from slam.core.messages import Message, about
+from slam.core.messages import Message, about, warning
 from slam.core.rotations import rotation_of
 from slam.core.units import with_error
 
@@ -51,23 +51,25 @@ def step_warning(folder: str, gap: StampGap, other: str) -> Message:
     return about(
         folder,
         f"its clock steps by {gap.lost_s:+.3f} s at {gap.last_s:.2f} s, as the motion in {other} "
-        "shows: no time was lost there, and its later stamps are corrected; check the recorder's clock",
+        "shows: no time was lost there, and its later stamps are corrected",
+        "check the recorder's clock",
     )
 
 
-def clock_step_left(flight: Flight) -> str:
-    """Describe where the clocks of gyro and attitude step against each other; empty where they do not."""
+def clock_step_left(flight: Flight) -> Message | None:
+    """Describe where the clocks of gyro and attitude step against each other; None where they do not."""
     clock = attitude_clock(flight)
     if clock is None or len(clock.pieces) < 2:
-        return ""
+        return None
     return steps_left_warning("attitude0", "imu0", clock)
 
 
-def steps_left_warning(folder: str, other: str, clock: PictureClock) -> str:
+def steps_left_warning(folder: str, other: str, clock: PictureClock) -> Message:
     """Describe steps of a stream's clock against that of another one that are not corrected."""
-    return (
+    return warning(
         f"the clock of {folder} steps against that of {other} by {step_sizes(clock)}, which is not "
-        f"corrected: the readings of one of them are taken at wrong times; check the stamps of both"
+        f"corrected: the readings of one of them are taken at wrong times",
+        "check the stamps of both",
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
+from slam.core.messages import Message, warning
 
 NOISY_STREAMS = ("imu", "attitude", "velocity", "sonar", "gps")
 """Streams whose noise never repeats. Commands of one script do repeat, and so may the coarse readings of a
@@ -34,7 +35,7 @@ def without_duplicates(flights: Sequence[Flight]) -> tuple[list[Flight], list[st
     return kept, copies
 
 
-def without_overlaps(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
+def without_overlaps(flights: Sequence[Flight]) -> tuple[list[Flight], list[Message]]:
     """Return the flights without copies of an earlier one, and without cuts that share readings with one; and
     a line for each that was left out."""
     kept, found = without_duplicates(flights)
@@ -46,7 +47,7 @@ def without_overlaps(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]
             apart.append(flight)
         else:
             found.append(f"{flight.name}: {most_s:.1f} s of its readings are in {name} too")
-    return apart, [f"{finding}; it was left out" for finding in found]
+    return apart, [warning(finding, "it was left out") for finding in found]
 
 
 def shared_s(a: Flight, b: Flight) -> float:

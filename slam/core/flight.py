@@ -18,7 +18,7 @@ from frontend.camera import Camera
 from slam.core.control_points import SurveyedPoint
 from slam.core.fix_check import FixCheck, check_fixes
 from slam.core.geodesy import GeoOrigin
-from slam.core.messages import Kind, Line, Message, as_message
+from slam.core.messages import Kind, Message
 from slam.core.notebook import table_html
 from slam.core.stream_source import StreamSource
 from slam.core.streams import (
@@ -93,9 +93,9 @@ class Flight:
         """Texts of all messages."""
         return tuple(map(str, self.messages))
 
-    def with_warning(self, *lines: Line) -> Flight:
+    def with_warning(self, *messages: Message) -> Flight:
         """Return the flight with more messages."""
-        return replace(self, messages=(*self.messages, *map(as_message, lines)))
+        return replace(self, messages=(*self.messages, *messages))
 
     def restamped(self, fields: Iterable[str], stamps: Callable[[Array], Array]) -> Flight:
         """Return the flight with the stamps (n,) of some of its ``STREAMS`` changed by a function."""

@@ -12,7 +12,7 @@ from slam.core.errors import NO_CAMERA
 from slam.core.fix_check import MAX_SPEED_M_S
 from slam.core.flight import Flight
 from slam.core.imu_at_rest import imu_anomalies
-from slam.core.messages import Message, about, as_note
+from slam.core.messages import Message, about, note, warning
 from slam.core.names import listed
 from slam.core.repeated_readings import repeated_readings
 from slam.core.stream_anomalies import (
@@ -99,7 +99,7 @@ def describe(flight: Flight) -> FlightInfo:
         duration_s=end - start,
         streams=tuple(streams),
         landmarks=len(flight.landmarks),
-        missing=tuple(_missing(flight)),
+        missing=tuple(map(str, _missing(flight))),
         anomalies=tuple(map(str, anomalies(flight))),
         warnings=flight.warnings,
         sources=flight.sources,
@@ -140,49 +140,57 @@ def missing_for_map(flight: Flight) -> tuple[Message, ...]:
     if flight.all_keyframes:
         return ()  # photographs: the import has reported the assumptions
     if flight.parts:
-        return tuple(line.of_flight(part.name) for part in flight.parts for line in missing_for_map(part))
+        return tuple(line.after(part.name) for part in flight.parts for line in missing_for_map(part))
     lines = []
     if flight.attitude is None:
         lines.append(
-            Message(
+            warning(
                 "no attitude: tilt is not measured, the camera is assumed to look straight down, and a "
-                "tilted flight gives a bent map; record attitude0, or use a gimbal"
+                "tilted flight gives a bent map",
+                "record attitude0, or use a gimbal",
             )
         )
     if flight.imu is None:
         lines.append(
-            as_note(
+            note(
                 "no IMU: segments where pictures do not match cannot be bridged, and the map may fall into "
-                "parts; record imu0, or keep the floor in view"
+                "parts",
+                "record imu0, or keep the floor in view",
             )
         )
     return tuple(lines)
 
 
-def _missing(flight: Flight) -> list[str]:
+def _missing(flight: Flight) -> list[Message]:
     if flight.camera is None or flight.frames is None:
-        lines = [f"{flight.reason_not_read('cam0') or 'no camera'}: there is no map; {NO_CAMERA}"]
+        lines = [warning(f"{flight.reason_not_read('cam0') or 'no camera'}: there is no map", NO_CAMERA)]
     else:
-        lines = [*_missing_for_scale(flight), *map(str, missing_for_map(flight))]
+        lines = [*_missing_for_scale(flight), *missing_for_map(flight)]
     if flight.truth is None and flight.gps is None:
-        lines.append("no truth and no GPS: the result cannot be evaluated")
+        lines.append(warning("no truth and no GPS: the result cannot be evaluated"))
     if flight.command is None and not flight.all_keyframes:
-        lines.append("no commands: the flight cannot be replayed in the simulator")
+        lines.append(warning("no commands: the flight cannot be replayed in the simulator"))
     return lines
 
 
-def _missing_for_scale(flight: Flight) -> list[str]:
+def _missing_for_scale(flight: Flight) -> list[Message]:
     """Return what is missing for the scale of a map and its place on Earth."""
     control = [p for p in flight.surveyed if p.role == "control" and not p.fault]
     if flight.gps is None and any(math.isfinite(p.altitude_m) for p in control):
-        return ["no GPS: the control points place the map and tell its lengths, if it shows three or more"]
-    on_earth = [] if flight.gps is not None else ["no GPS: the map is not placed on Earth"]
+        return [
+            warning(
+                "no GPS: the control points place the map and tell its lengths, if it shows three or more"
+            )
+        ]
+    on_earth = [] if flight.gps is not None else [warning("no GPS: the map is not placed on Earth")]
     if flight.sonar is not None and np.isfinite(flight.sonar.range_m).any():
         return on_earth
     if flight.gps is not None:
         return [
-            "no sonar: the scale comes from GPS alone and is only as accurate as GPS; record a height "
-            "sensor, or measure one distance on the ground"
+            warning(
+                "no sonar: the scale comes from GPS alone and is only as accurate as GPS",
+                "record a height sensor, or measure one distance on the ground",
+            )
         ]
     if flight.imu is not None:
         source = (
@@ -199,23 +207,25 @@ def _missing_for_scale(flight: Flight) -> list[str]:
             "no metric scale but that of the vehicle's own velocity: check it by one distance on the ground"
         )
     else:
-        source = (
-            "no metric scale; distances in the map are relative; record a height sensor, or measure one "
-            "distance on the ground and scale the map by it"
+        lacking = warning(
+            "no sonar and no GPS: no metric scale",
+            "distances in the map are relative",
+            "record a height sensor, or measure one distance on the ground and scale the map by it",
         )
-    return [f"no sonar and no GPS: {source}", *on_earth]
+        return [lacking, *on_earth]
+    return [warning(f"no sonar and no GPS: {source}"), *on_earth]
 
 
 def anomalies(flight: Flight) -> list[Message]:
     """Return what is odd about the streams of a flight."""
     if flight.parts:
-        return [line.of_flight(part.name) for part in flight.parts for line in anomalies(part)]
+        return [line.after(part.name) for part in flight.parts for line in anomalies(part)]
     streams = _streams(flight)
     lines = [
         about(
             s.name,
-            f"{s.gaps} gap{'s' if s.gaps > 1 else ''}, the largest {s.largest_gap_s:.2f} s; it "
-            "measured nothing then: check the recorder",
+            f"{s.gaps} gap{'s' if s.gaps > 1 else ''}, the largest {s.largest_gap_s:.2f} s",
+            "it measured nothing then: check the recorder",
         )
         for s in streams
         if s.gaps and not flight.all_keyframes  # photographs hold their readings in their tags
@@ -234,7 +244,7 @@ def anomalies(flight: Flight) -> list[Message]:
     lines += fix_anomalies(flight)
     lines += repeated_readings(flight)
     lines += [
-        about(name, "its noise is given as zero, which no sensor has; write its own into sensor.yaml")
+        about(name, "its noise is given as zero, which no sensor has", "write its own into sensor.yaml")
         for name in _noiseless(flight)
     ]
     return lines
@@ -255,7 +265,8 @@ def _not_overlapping(streams: list[StreamInfo]) -> list[Message]:
                 about(
                     s.name,
                     f"does not overlap in time with {reference.name} ({-shared:.1f} s apart), so "
-                    f"nothing of it is used; write its stamps on the clock of {reference.name}",
+                    f"nothing of it is used",
+                    f"write its stamps on the clock of {reference.name}",
                 )
             )
         elif shared < 0.5 * reference.duration_s:
@@ -263,8 +274,8 @@ def _not_overlapping(streams: list[StreamInfo]) -> list[Message]:
             lines.append(
                 about(
                     s.name,
-                    f"covers only {part:.0f} % of the time of {reference.name}; the rest is mapped "
-                    "without it: check whether its recording is complete",
+                    f"covers only {part:.0f} % of the time of {reference.name}",
+                    "the rest is mapped without it: check whether its recording is complete",
                 )
             )
     return lines
@@ -278,14 +289,14 @@ def _attitude_anomalies(attitude: AttitudeSeries, of_photographs: bool) -> list[
         angle = angle[np.isfinite(angle)]
         if not len(angle):
             lines.append(
-                about("attitude0", f"{name} was not recorded and is left open; record it for a better map")
+                about("attitude0", f"{name} was not recorded and is left open", "record it for a better map")
             )
         elif (far := float(np.abs(angle).max())) > math.pi + 1e-3:
             lines.append(
                 about(
                     "attitude0",
-                    f"{name} is unwrapped: it goes beyond ±pi, up to {far:.1f} rad; check that "
-                    "it is in radians",
+                    f"{name} is unwrapped: it goes beyond ±pi, up to {far:.1f} rad",
+                    "check that it is in radians",
                 )
             )
         elif name != "yaw" and far > 1.0 and not of_photographs:
@@ -293,7 +304,8 @@ def _attitude_anomalies(attitude: AttitudeSeries, of_photographs: bool) -> list[
                 about(
                     "attitude0",
                     f"{name} reaches {math.degrees(far):.0f} deg, where pictures do not show the "
-                    "ground below; check its unit and axes",
+                    "ground below",
+                    "check its unit and axes",
                 )
             )
     return lines
@@ -322,7 +334,7 @@ def fix_anomalies(flight: Flight) -> list[Message]:
                 MOST_LISTED_FIXES,
             )
             lines.append(
-                about("gps0", f"{len(which)} of {len(names)} fixes {verb} {why}: {fixes}; check them")
+                about("gps0", f"{len(which)} of {len(names)} fixes {verb} {why}: {fixes}", "check them")
             )
     return lines
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.messages import Message, about, as_note
+from slam.core.messages import Message, about
 from slam.core.stream_anomalies import (
     LEAST_GRAVITY_M_S2,
     clipping_anomalies,
@@ -24,8 +24,8 @@ REST_WINDOW_S, REST_GYRO_STD, REST_ACCEL_STD = 1.0, 0.02, 0.2
 ACCEL_OFF_M_S2, GYRO_OFF_RAD_S = 0.3, 0.05
 """Largest deviation of a sensor at rest from gravity and from zero that is no anomaly."""
 NO_GRAVITY = (
-    "gravity was taken out of the readings (linear acceleration), or the vehicle fell freely; record the "
-    "specific force, as the sensor gives it"
+    "gravity was taken out of the readings (linear acceleration), or the vehicle fell freely",
+    "record the specific force, as the sensor gives it",
 )
 """Cause of readings that hold next to no gravity, and what to do."""
 
@@ -50,16 +50,19 @@ class GravityReading:
     @property
     def reads(self) -> Message:
         """Return the reading in words."""
+        return about("imu0", self._reads)
+
+    @property
+    def _reads(self) -> str:
         where = "at rest" if self.at_rest else "on average"
-        return about("imu0", f"the accelerometer reads {self.accel_m_s2:.2f} m/s^2 {where}, gravity is 9.81")
+        return f"the accelerometer reads {self.accel_m_s2:.2f} m/s^2 {where}, gravity is 9.81"
 
     @property
     def warning(self) -> Message:
         """Return the line about it for a flight of which there is no map yet."""
-        if self.is_missing:
-            return replace(self.reads, text=f"{self.reads}: {NO_GRAVITY}")
-        cause = "an offset, or a wrong scale, of which lengths are wrong too; calibrate it"
-        return replace(self.reads, text=f"{self.reads}: {cause}")
+        wrong = "an offset, or a wrong scale, of which lengths are wrong too", "calibrate it"
+        cause, do = NO_GRAVITY if self.is_missing else wrong
+        return about("imu0", f"{self._reads}: {cause}", do)
 
 
 def imu_anomalies(imu: Imu) -> list[Message]:
@@ -70,13 +73,11 @@ def imu_anomalies(imu: Imu) -> list[Message]:
     gyro = float(np.linalg.norm(np.median(imu.gyro_rad_s[rows], axis=0))) if len(rows) else 0.0
     if gyro > GYRO_OFF_RAD_S:
         lines.append(
-            as_note(
-                about(
-                    "imu0",
-                    f"the gyro reads {gyro:.3f} rad/s at rest; the map estimates this offset, and other "
-                    "programs need it subtracted",
-                )
-            )
+            about(
+                "imu0",
+                f"the gyro reads {gyro:.3f} rad/s at rest",
+                "the map estimates this offset, and other programs need it subtracted",
+            ).as_note()
         )
     return lines
 

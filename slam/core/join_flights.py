@@ -23,7 +23,7 @@ from slam.core.errors import InputError
 from slam.core.fix_check import NOISE_SIGMAS
 from slam.core.flight import Flight, with_unique_names
 from slam.core.height_systems import height_system_text
-from slam.core.messages import Message
+from slam.core.messages import Message, warning
 from slam.core.names import listed
 from slam.core.picture_content import content_key
 from slam.core.streams import STREAMS, AttitudeSeries, Frames, Gps, Image, Sonar, Truth
@@ -66,7 +66,10 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
     with_truth = [flight.name for flight in parts if flight.truth is not None]
     if 0 < len(with_truth) < len(parts):
         warnings.append(
-            f"truth of {', '.join(with_truth)} left out: the other flights have none; evaluate it alone"
+            warning(
+                f"truth of {', '.join(with_truth)} left out: the other flights have none",
+                "evaluate it alone",
+            )
         )
     shifted = [_shifted(flight, shift_s) for flight, shift_s in zip(parts, shifts_s, strict=True)]
     truths = [flight.truth for flight in shifted if flight.truth is not None]
@@ -84,15 +87,15 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
         surveyed=_surveyed(parts),
         gaps=tuple(dict.fromkeys(gap for flight in parts for gap in flight.gaps)),
         messages=(
-            *(message.of_flight(flight.name) for flight in parts for message in flight.messages),
-            *map(Message, warnings),
+            *(message.after(flight.name) for flight in parts for message in flight.messages),
+            *warnings,
         ),
         all_keyframes=parts[0].all_keyframes,
         parts=parts,
     )
 
 
-def _levels_differ(flights: Sequence[Flight]) -> list[str]:
+def _levels_differ(flights: Sequence[Flight]) -> list[Message]:
     """Return a line where flights state different levels of their altitudes."""
     of: dict[str, list[str]] = {}
     for flight in flights:
@@ -102,8 +105,11 @@ def _levels_differ(flights: Sequence[Flight]) -> list[str]:
         return []
     each = "; ".join(f"{height_system_text(system)}: {listed(names)}" for system, names in of.items())
     return [
-        f"altitudes of the flights count from different levels ({each}), which lie up to a hundred metres "
-        "apart: heights of the map are wrong by that; convert the altitudes to one level"
+        warning(
+            f"altitudes of the flights count from different levels ({each}), which lie up to a hundred "
+            "metres apart: heights of the map are wrong by that",
+            "convert the altitudes to one level",
+        )
     ]
 
 
@@ -162,7 +168,7 @@ def _difference(a: Camera, b: Camera) -> str | None:
     return None if np.allclose(a.b_T_c, b.b_T_c, atol=_SAME_MOUNT) else "mounted in another way"
 
 
-def _shifts(parts: Sequence[Flight]) -> tuple[list[float], list[str]]:
+def _shifts(parts: Sequence[Flight]) -> tuple[list[float], list[Message]]:
     """Return the seconds to add to each flight's stamps, and a warning for each flight that is shifted."""
     shifts, warnings = [0.0], []
     end_s = _span_s(parts[0])[1]
@@ -172,8 +178,10 @@ def _shifts(parts: Sequence[Flight]) -> tuple[list[float], list[str]]:
         late = float(np.ceil(end_s + PAUSE_S - begin_s - shift))
         if late > 0:
             warnings.append(
-                f"{flight.name}: by its clock it begins before the previous flight ends; "
-                f"its stamps were shifted by {late:g} s"
+                warning(
+                    f"{flight.name}: by its clock it begins before the previous flight ends",
+                    f"its stamps were shifted by {late:g} s",
+                )
             )
             shift += late
         shifts.append(shift)

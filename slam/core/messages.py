@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple
 
+_JOINED_BY = "; "
 CHECKED_BY_ONE_DISTANCE = "Measure one distance on the ground to check the lengths."
 """End of a sentence about lengths that a single instrument tells."""
 
@@ -27,11 +28,10 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Message:
-    """One line of text for a person."""
+    """One line of text for a person, in clauses."""
 
-    text: str
-    """Clauses that semicolons join. The first says what was found, with its causes after a colon, and the
-    last what to do."""
+    clauses: tuple[str, ...]
+    """The first says what was found, with its causes after a colon, and the last what to do."""
     kind: Kind = Kind.WARNING
     about: str = ""
     """Name of the stream or file that it concerns, with which the finding begins; empty for the whole map."""
@@ -39,30 +39,44 @@ class Message:
     def __str__(self) -> str:
         return self.text
 
-    def of_flight(self, name: str) -> Message:
-        """Return the message as one of one of several flights, with its name in front."""
-        return replace(self, text=f"{name}: {self.text}")
+    @property
+    def text(self) -> str:
+        """The message as one line, its clauses joined by semicolons."""
+        return _JOINED_BY.join(self.clauses)
+
+    def prefixed(self, words: str) -> Message:
+        """Return the message with words in front."""
+        first, *others = self.clauses or ("",)
+        return replace(self, clauses=(f"{words} {first}", *others))
+
+    def after(self, name: str) -> Message:
+        """Return the message with a name in front, such as that of one of several flights."""
+        return self.prefixed(f"{name}:")
+
+    def named(self, name: str) -> Message:
+        """Return the message as one about a stream or file, with its name in front."""
+        return replace(self.after(name), about=name)
+
+    def concerning(self, name: str) -> Message:
+        """Return the message as one about a stream or file that its text names already."""
+        return replace(self, about=name)
 
     def extended(self, *clauses: str) -> Message:
-        """Return the message with further clauses."""
-        return replace(self, text="; ".join((self.text, *clauses)))
+        """Return the message with further clauses; empty ones are left out."""
+        return replace(self, clauses=(*self.clauses, *filter(None, clauses)))
 
-    @property
-    def clauses(self) -> list[str]:
-        """The clauses; a semicolon within brackets joins none."""
-        found, depth, begin = [], 0, 0
-        for k, character in enumerate(self.text):
-            depth += (character in "([{") - (character in ")]}")
-            if character == ";" and depth <= 0:
-                found.append(self.text[begin:k].strip())
-                begin = k + 1
-        found.append(self.text[begin:].strip())
-        return [clause for clause in found if clause]
+    def as_note(self) -> Message:
+        """Return the message as one that needs no action."""
+        return replace(self, kind=Kind.NOTE)
+
+    def as_reason(self) -> Message:
+        """Return the message as a reason for the status."""
+        return replace(self, kind=Kind.REASON)
 
     @property
     def sentences(self) -> str:
         """The clauses as sentences for a page."""
-        first, *others = self.clauses or [""]
+        first, *others = self.clauses or ("",)
         text = ". ".join([first.rstrip("."), *(_capital(other).rstrip(".") for other in others)])
         return text if text.endswith(("?", "!", ":")) or not text else f"{text}."
 
@@ -88,42 +102,55 @@ class Message:
         return self.clauses[-1].rstrip(".") if len(self.clauses) > 1 else ""
 
 
-Line = str | Message
-"""A message, or the text of a warning about nothing in particular; an empty text is no message."""
+def warning(*clauses: str) -> Message:
+    """Return a warning about nothing in particular; empty clauses are left out."""
+    return Message(tuple(filter(None, clauses)))
 
 
-def as_message(line: Line) -> Message:
-    """Return a line as a message."""
-    return line if isinstance(line, Message) else Message(line)
+def about(name: str, *clauses: str) -> Message:
+    """Return a warning about a stream or file, with its name in front."""
+    return warning(*clauses).named(name)
 
 
-def about(name: str, line: Line) -> Message:
-    """Return a message about a stream or file, with its name in front."""
-    return replace(as_message(line), text=f"{name}: {line}", about=name)
+def note(*clauses: str) -> Message:
+    """Return a message that needs no action."""
+    return warning(*clauses).as_note()
 
 
-def as_note(line: Line) -> Message:
-    """Return a message as one that needs no action."""
-    return replace(as_message(line), kind=Kind.NOTE)
+def reason(*clauses: str) -> Message:
+    """Return a reason for the status."""
+    return warning(*clauses).as_reason()
 
 
-def as_reason(line: Line) -> Message:
-    """Return a message as a reason for the status."""
-    return replace(as_message(line), kind=Kind.REASON)
+def unread(*clauses: str) -> Message:
+    """Return a warning about a stream that could not be read."""
+    return replace(warning(*clauses), kind=Kind.UNREAD)
 
 
-def as_unread(line: Line) -> Message:
-    """Return a message as one about a stream that could not be read."""
-    return replace(as_message(line), kind=Kind.UNREAD)
+def parsed(text: str) -> Message:
+    """Return a warning of which another package, or an error, has made the text."""
+    return Message(clauses_of(text))
 
 
-def recorded(text: str, notes: Iterable[str]) -> Message:
+def recorded(text: str, notes: Iterable[str] = ()) -> Message:
     """Return a message of which a file holds the text; ``notes`` are the texts of those that are notes.
 
-    A file of text keeps what a message is about only as its first word.
+    A file of text keeps what a message is about only as its first word, and its clauses by their semicolons.
     """
     name = text.split(maxsplit=1)[0].rstrip(":,") if text.strip() else ""
-    return Message(text, Kind.NOTE if text in notes else Kind.WARNING, name)
+    return Message(clauses_of(text), Kind.NOTE if text in notes else Kind.WARNING, name)
+
+
+def clauses_of(text: str) -> tuple[str, ...]:
+    """Return the clauses that semicolons join in a text; one within brackets joins none."""
+    found, depth, begin = [], 0, 0
+    for k, character in enumerate(text):
+        depth += (character in "([{") - (character in ")]}")
+        if depth <= 0 and text.startswith(_JOINED_BY, k):
+            found.append(text[begin:k])
+            begin = k + len(_JOINED_BY)
+    found.append(text[begin:])
+    return tuple(filter(None, found))
 
 
 class ByKind(NamedTuple):
@@ -154,14 +181,15 @@ def by_kind(messages: Iterable[Message]) -> ByKind:
     return ByKind(reasons, others, notes)
 
 
-def joined(*lines: Line | None) -> tuple[Message, ...]:
+def joined(*messages: Message | None) -> tuple[Message, ...]:
     """Return the messages of a result by their kinds, each text once, of the kind that comes first.
 
-    An empty line is left out, and None.
+    An empty message is left out, and None.
     """
     once: dict[str, Message] = {}
-    for message in (as_message(line) for line in lines if line):
-        once.setdefault(message.text, message)
+    for message in messages:
+        if message is not None and message.clauses:
+            once.setdefault(message.text, message)
     found = by_kind(once.values())
     return found.warnings + found.notes
 

@@ -65,8 +65,9 @@ def without_held_readings(flight: Flight) -> Flight:
         flight = replace(flight, **{name: replace(series, **kept)}).with_warning(
             about(
                 STREAMS[name].folder,
-                f"{count - len(runs)} of {count} readings only repeat the one before, as "
-                "a logger writes that is faster than its sensor; the first of each is kept",
+                f"{count - len(runs)} of {count} readings only repeat the one before, as a logger writes "
+                "that is faster than its sensor",
+                "the first of each is kept",
             )
         )
     return flight

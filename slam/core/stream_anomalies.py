@@ -82,11 +82,13 @@ def imu_axis_anomalies(imu: Imu) -> list[Message]:
     b_force = imu.b_T_s[:3, :3] @ np.median(known, axis=0)
     up, size = float(b_force[2]), float(np.linalg.norm(b_force))
     if up < -0.5 * GRAVITY_M_S2:
-        return [about("imu0", "the accelerometer measures gravity upside down; check its signs and T_BS")]
+        return [about("imu0", "the accelerometer measures gravity upside down", "check its signs and T_BS")]
     if up < 0.5 * min(size, GRAVITY_M_S2):
         lean_deg = np.degrees(np.arccos(up / size))
         return [
-            about("imu0", f"gravity lies {lean_deg:.0f} deg from the body's z; check the IMU's axes and T_BS")
+            about(
+                "imu0", f"gravity lies {lean_deg:.0f} deg from the body's z", "check the IMU's axes and T_BS"
+            )
         ]
     return []
 
@@ -136,8 +138,8 @@ def clipping_anomalies(imu: Imu) -> list[Message]:
         lines.append(
             about(
                 "imu0",
-                f"{many} of the readings of the {name} are at the end of its range; what was beyond is "
-                "lost: set a wider range",
+                f"{many} of the readings of the {name} are at the end of its range",
+                "what was beyond is lost: set a wider range",
             )
         )
     return lines
@@ -150,8 +152,8 @@ def sonar_anomalies(sonar: Sonar) -> list[Message]:
         return [
             about(
                 "sonar0",
-                "gives no range at all, so that it measures no lengths; check its limits (max_range), "
-                "its wiring and its unit",
+                "gives no range at all, so that it measures no lengths",
+                "check its limits (max_range), its wiring and its unit",
             )
         ]
     ranges = sonar.range_m[known]
@@ -160,8 +162,8 @@ def sonar_anomalies(sonar: Sonar) -> list[Message]:
         lines.append(
             about(
                 "sonar0",
-                f"{negative} ranges are zero or negative, which no distance is; leave readings without "
-                "an echo empty in data.csv",
+                f"{negative} ranges are zero or negative, which no distance is",
+                "leave readings without an echo empty in data.csv",
             )
         )
     limit_m = sonar.max_range_m if np.isfinite(sonar.max_range_m) else _value_without_echo(ranges)
@@ -169,8 +171,8 @@ def sonar_anomalies(sonar: Sonar) -> list[Message]:
         lines.append(
             about(
                 "sonar0",
-                f"{100 * share:.0f} % of the ranges are saturated at {limit_m:g} m: they "
-                "are no heights; fly lower, or correct max_range in sensor.yaml",
+                f"{100 * share:.0f} % of the ranges are saturated at {limit_m:g} m: they are no heights",
+                "fly lower, or correct max_range in sensor.yaml",
             )
         )
     if (share := float(np.mean((ranges > 0) & (ranges < sonar.min_range_m)))) > SATURATED_SHARE:
@@ -178,7 +180,8 @@ def sonar_anomalies(sonar: Sonar) -> list[Message]:
             about(
                 "sonar0",
                 f"{100 * share:.0f} % of the ranges are below its {sonar.min_range_m:g} m: they are no "
-                "heights; fly higher, or correct min_range in sensor.yaml",
+                "heights",
+                "fly higher, or correct min_range in sensor.yaml",
             )
         )
     around = np.maximum(ranges[:-2], ranges[2:])
@@ -187,7 +190,8 @@ def sonar_anomalies(sonar: Sonar) -> list[Message]:
             about(
                 "sonar0",
                 f"{100 * share:.0f} % of the ranges jump up for one reading (multipath echoes?): most "
-                "are left out of the map; fly lower, or check what reflects the sound",
+                "are left out of the map",
+                "fly lower, or check what reflects the sound",
             )
         )
     if line := stuck_ranges(sonar):
@@ -219,9 +223,10 @@ def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> Message | None:
         return None
     return about(
         "sonar0",
-        f"reads exactly {range_m[at]:g} m for {lasted_s:.1f} s from {stamps_s[at]:.1f} s "
-        "(stuck, or standing on the ground); if the vehicle flew then, heights and lengths of the map are "
-        "wrong: repair the sensor, or map without sonar0",
+        f"reads exactly {range_m[at]:g} m for {lasted_s:.1f} s from {stamps_s[at]:.1f} s (stuck, or "
+        "standing on the ground)",
+        "if the vehicle flew then, heights and lengths of the map are wrong: repair the sensor, or map "
+        "without sonar0",
     )
 
 
@@ -251,6 +256,7 @@ def velocity_anomalies(velocity: Velocity) -> list[Message]:
         about(
             "velocity0",
             f"reads exactly {v_m_s[at, 0]:g}, {v_m_s[at, 1]:g} m/s for {lasted_s:.1f} s from "
-            f"{stamps_s[at]:.1f} s (stuck?); if it flew at another speed then, leave velocity0 out",
+            f"{stamps_s[at]:.1f} s (stuck?)",
+            "if it flew at another speed then, leave velocity0 out",
         )
     ]

@@ -8,6 +8,7 @@ from dataclasses import replace
 from slam.core.control_points import SurveyedPoint
 from slam.core.errors import InputError
 from slam.core.flight import Flight
+from slam.core.messages import Message, warning
 from slam.core.names import listed
 
 
@@ -37,6 +38,6 @@ def with_surveyed(
     return replace(flight, surveyed=roles).with_warning(*faults_of(points))
 
 
-def faults_of(points: Sequence[SurveyedPoint]) -> tuple[str, ...]:
+def faults_of(points: Sequence[SurveyedPoint]) -> tuple[Message, ...]:
     """Return a warning for each point whose coordinates cannot be used."""
-    return tuple(f"control point {point.name}: {point.fault}" for point in points if point.fault)
+    return tuple(warning(f"control point {point.name}: {point.fault}") for point in points if point.fault)

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from backend.clocks.delay_residuals import gyro_attitudes
 from slam.core.flight import Flight
 from slam.core.instrument_readings import MAX_GAP_S, attitude_readings, inertial_readings
+from slam.core.messages import Message, warning
 
 Array = NDArray[np.float64]
 
@@ -72,8 +73,8 @@ def _within(at_s: Array, values: Array, stamps_s: Array) -> tuple[Array, Array]:
     return at_s[chosen], values[chosen]
 
 
-def _said(stream: str, other: str, given: str, asked: str) -> str:
-    return (
-        f"{stream}: turns 57 times as far as {other}: taken as {given}, and used in {asked}; correct the unit"
-        " in the recording, since other programs would not notice"
+def _said(stream: str, other: str, given: str, asked: str) -> Message:
+    return warning(
+        f"{stream}: turns 57 times as far as {other}: taken as {given}, and used in {asked}",
+        "correct the unit in the recording, since other programs would not notice",
     )

@@ -53,7 +53,7 @@ def criticise(
     with threadpool_limits(1), show_compilation(progress):
         known = flights, nominal, progress
         found = _by_instruments(*known, why) if why else _with_commands(*known)
-    return with_sentences(replace(found, dropped=(*repeated, *found.dropped)), noise)
+    return with_sentences(replace(found, dropped=(*map(str, repeated), *found.dropped)), noise)
 
 
 def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:

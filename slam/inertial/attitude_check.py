@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from backend.significance import SIGMAS_OF_SEVERAL
 from slam.core.flight import Flight
+from slam.core.messages import Message, warning
 from slam.core.names import enumerated
 from slam.data_quality.axes import wrong_axes
 from slam.data_quality.inertial_comparison import (
@@ -35,7 +36,7 @@ _ABOVE_NOISE = 3.0
 """Multiples of the gyro's noise that the turns must exceed: it then lowers no gain by more than a tenth."""
 _LEAST_ALIKE = 0.5
 """Least share of the attitude's turns that the gyro explains: a lag leaves less."""
-_CHECK = "the motion that both give is not to be trusted; check"
+_DOUBT = "the motion that both give is not to be trusted"
 
 
 @dataclass(frozen=True)
@@ -50,11 +51,12 @@ class _Regression:
     """(3,) the angles that change by the gyro, beyond its noise."""
 
 
-def attitude_contradictions(flight: Flight) -> list[str]:
+def attitude_contradictions(flight: Flight) -> list[Message]:
     """Return a line for each kind of contradiction between the turns of ``attitude0`` and ``imu0``."""
     if axes := wrong_axes(flight, ("attitude",))[0]:
-        found = "; ".join(map(str, axes))
-        return [f"attitude0 and imu0: {found}: {_CHECK} the axes and signs of both, and T_BS of imu0"]
+        found = " and ".join(map(str, axes))
+        do = "check the axes and signs of both, and T_BS of imu0"
+        return [warning(f"attitude0 and imu0: {found}: {_DOUBT}", do)]
     seen = dict(comparisons(flight)).get("attitude")
     regression = None if seen is None else _regression(flight, seen)
     if seen is None or regression is None:
@@ -63,8 +65,10 @@ def attitude_contradictions(flight: Flight) -> list[str]:
     if stuck.any():
         angles = enumerated([angle for angle, is_stuck in zip(_ANGLES, stuck, strict=True) if is_stuck])
         return [
-            f"attitude0 does not change its {angles} while imu0's gyro shows that the vehicle turns "
-            "(stuck?): leave attitude0 out, or repair it"
+            warning(
+                f"attitude0 does not change its {angles} while imu0's gyro shows that the vehicle turns "
+                "(stuck?): leave attitude0 out, or repair it"
+            )
         ]
     return [*_other_mounts(regression), *_other_gains(regression)]
 
@@ -95,7 +99,7 @@ def _regression(flight: Flight, seen: IntegralComparison) -> _Regression | None:
     return _Regression(gain, std, known)
 
 
-def _other_mounts(regression: _Regression) -> list[str]:
+def _other_mounts(regression: _Regression) -> list[Message]:
     """Return a line for each axis about which the IMU is turned."""
     gain, std, lines = regression.gain, regression.std, []
     for j, k in combinations(range(3), 2):
@@ -103,20 +107,25 @@ def _other_mounts(regression: _Regression) -> list[str]:
         angle_std = np.degrees(np.hypot(std[j, k], std[k, j]) / 2)
         if abs(angle) - SIGMAS_OF_SEVERAL * angle_std > _TURN_DEG:
             lines.append(
-                f"imu0 turns as if it was mounted {abs(angle):.0f} deg about its {_AXES[3 - j - k]} axis "
-                f"beside attitude0: {_CHECK} T_BS of imu0"
+                warning(
+                    f"imu0 turns as if it was mounted {abs(angle):.0f} deg about its {_AXES[3 - j - k]} axis "
+                    f"beside attitude0: {_DOUBT}",
+                    "check T_BS of imu0",
+                )
             )
     return lines
 
 
-def _other_gains(regression: _Regression) -> list[str]:
+def _other_gains(regression: _Regression) -> list[Message]:
     """Return a line for each angle that changes by another factor than the gyro shows."""
     lines = []
     for k, angle in enumerate(_ANGLES):
         gain, margin = regression.gain[k, k], SIGMAS_OF_SEVERAL * regression.std[k, k]
         if gain - margin > _GAIN or gain + margin < 1 / _GAIN:
             lines.append(
-                f"{angle} of attitude0 changes by {gain:.2g} times what imu0's gyro shows: {_CHECK} the gain "
-                "and the unit of both"
+                warning(
+                    f"{angle} of attitude0 changes by {gain:.2g} times what imu0's gyro shows: {_DOUBT}",
+                    "check the gain and the unit of both",
+                )
             )
     return lines

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.significance import SURE_SIGMAS
+from slam.core.messages import Message, warning
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.window_means import window_means
 
@@ -50,7 +51,7 @@ class AirVelocity:
 class DragContradiction:
     """A velocity that differs from the one by which the accelerometer shows drag."""
 
-    line: str
+    line: Message
     is_wind_excluded: bool
     """Whether the velocity is wrong, because no wind explains the difference."""
 
@@ -81,18 +82,19 @@ def drag_contradiction(flight: Flight, trust: InertialTrust = InertialTrust()) -
     air = air_velocity(flight, trust) if flight.gps is None else None
     if air is None or air.least_m_s < _LIGHT_BREEZE_M_S:
         return None
-    line = (
+    found = (
         f"by the drag in imu0, velocity0 has a constant error or the wind blew with {air.v_m_s[0]:.2g} m/s "
         f"forward and {air.v_m_s[1]:.2g} m/s left ({air.least_m_s:.2g} m/s at least)"
     )
     if air.least_m_s < _FRESH_BREEZE_M_S:
-        line += "; a flight that turns tells which: wind keeps its direction over ground"
-        return DragContradiction(line, False)
-    line += (
-        ": small drones do not fly in so much wind, and the track over ground is not to be trusted; check "
-        "the zero of velocity0 on the ground, and fly turns, in which the other instruments show its error"
+        told_by = "a flight that turns tells which: wind keeps its direction over ground"
+        return DragContradiction(warning(found, told_by), False)
+    doubted = warning(
+        f"{found}: small drones do not fly in so much wind, and the track over ground is not to be trusted",
+        "check the zero of velocity0 on the ground, and fly turns, in which the other instruments show its "
+        "error",
     )
-    return DragContradiction(line, True)
+    return DragContradiction(doubted, True)
 
 
 def _window_means(flight: Flight) -> tuple[Array, Array] | None:

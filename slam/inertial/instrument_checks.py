@@ -5,7 +5,7 @@ from __future__ import annotations
 from slam.core.clock_steps import clock_step_left, without_clock_steps
 from slam.core.flight import Flight
 from slam.core.imu_at_rest import gravity_reading
-from slam.core.messages import Message, as_reason
+from slam.core.messages import Message
 from slam.core.repeated_readings import repeated_readings
 from slam.core.stream_anomalies import velocity_anomalies
 from slam.inertial.attitude_check import attitude_contradictions
@@ -24,7 +24,7 @@ def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[Message]
     a stream that is compared.
     """
     flight = without_clock_steps(flight)
-    stepped: list[str] = []
+    stepped: list[Message] = []
     levels: list[Message] = []
     has_compared = any(getattr(flight, name) is not None for name in COMPARED)
     if has_compared and (motion := ImuMotion.of(flight, trust)) is not None:
@@ -37,9 +37,9 @@ def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[Message]
         flight = flight.with_warning(drag.line)
     gravity = None if flight.imu is None else gravity_reading(flight.imu)
     lines = [
-        gravity.warning if gravity is not None and gravity.is_missing else "",
+        gravity.warning if gravity is not None and gravity.is_missing else None,
         changes,
-        drag.line if drag is not None and drag.is_wind_excluded else "",
+        drag.line if drag is not None and drag.is_wind_excluded else None,
         clock_step_left(flight),
         *attitude_contradictions(flight),
         *stepped,
@@ -47,4 +47,4 @@ def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[Message]
         *repeated_readings(flight),
         *(velocity_anomalies(flight.velocity) if flight.velocity is not None else ()),
     ]
-    return flight, [as_reason(line) for line in lines if line]
+    return flight, [line.as_reason() for line in lines if line]

@@ -16,7 +16,7 @@ from backend.clocks.delay_residuals import turn_costs
 from backend.clocks.gap_steps import LONGEST_LAG_S
 from backend.significance import SURE_SIGMAS
 from slam.core.flight import Flight
-from slam.core.messages import Message
+from slam.core.messages import Message, warning
 from slam.core.stream_anomalies import stuck_ranges
 from slam.core.streams import STREAMS
 from slam.inertial.imu_motion import (
@@ -48,7 +48,7 @@ def level_contradictions(flight: Flight, motion: ImuMotion) -> list[Message]:
     """Return a line for each stream whose level steps, or whose changes have another size, while the motion
     by its IMU shows otherwise."""
     streams = [name for name in COMPARED if getattr(flight, name) is not None]
-    lines = [Message(line) for name in streams for line in _lines(flight, name, motion)]
+    lines = [line for name in streams for line in _lines(flight, name, motion)]
     stuck = _stuck_in_flight(flight)
     return [*lines, stuck] if stuck else lines
 
@@ -65,20 +65,26 @@ def _stuck_in_flight(flight: Flight) -> Message | None:
     return stuck_ranges(replace(sonar, stamps_s=sonar.stamps_s[flies], range_m=sonar.range_m[flies]))
 
 
-def _lines(flight: Flight, name: str, motion: ImuMotion) -> Iterator[str]:
+def _lines(flight: Flight, name: str, motion: ImuMotion) -> Iterator[Message]:
     folder = STREAMS[name].folder
     stepped = _step(*_beside(flight, name, motion), _FAR[name]) if name in _FAR else None
     if stepped is not None:
         at_s, size = stepped
         yield (
-            f"{folder} steps by {size:.2g} {_UNIT_OF[name]} at {at_s:.1f} s and stays there, while imu0 "
-            "shows no such motion: the readings before or after it are wrong; check its zero and unit"
+            warning(
+                f"{folder} steps by {size:.2g} {_UNIT_OF[name]} at {at_s:.1f} s and stays there, while imu0 "
+                "shows no such motion: the readings before or after it are wrong",
+                "check its zero and unit",
+            )
         )
     ratio = None if name == "velocity" else _ratio(flight, name, motion)  # `velocity_contradiction` does it
     if ratio is not None and not 1 / LARGEST_GAIN < ratio < LARGEST_GAIN:
         yield (
-            f"{folder} changes by {ratio:.2g} times what imu0 shows (unit?): heights are not to be trusted; "
-            f"check the unit and sign of {folder}"
+            warning(
+                f"{folder} changes by {ratio:.2g} times what imu0 shows (unit?): heights are not to be "
+                "trusted",
+                f"check the unit and sign of {folder}",
+            )
         )
 
 

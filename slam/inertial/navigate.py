@@ -16,7 +16,7 @@ from slam.core.arguments import check_flight
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.flight_info import anomalies
-from slam.core.messages import as_reason, joined
+from slam.core.messages import Message, joined, warning
 from slam.core.progress import Progress, show_compilation, silent
 from slam.core.repeated_readings import without_held_readings
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
@@ -110,11 +110,11 @@ def navigate(
         rejected=rejection_counts(track) | downweight_counts(track),
         timing_s=clock.seconds,
         messages=joined(
-            *map(as_reason, reasons),
+            *(each.as_reason() for each in reasons),
             *contradictions,
             *flight.messages,
             *anomalies(flight),
-            *_identified_errors(inputs, track),
+            *map(warning, _identified_errors(inputs, track)),
         ),
         trajectory_names=TRAJECTORY_NAMES,
         accuracy_basis=track_accuracy_basis(inputs.readings, trust, inputs.end_s - inputs.start_s),
@@ -199,29 +199,33 @@ def _rotated(states: States, yaw_rad: float) -> States:
     )
 
 
-def _unobserved(inputs: FilterInput, position_std_m: float) -> list[str]:
+def _unobserved(inputs: FilterInput, position_std_m: float) -> list[Message]:
     """Return warnings about quantities without a measurement."""
-    readings, messages = inputs.readings, []
+    readings, messages = inputs.readings, list[Message]()
     if readings.velocity_m_s is None and readings.w_p_antenna_m is None:
         messages.append(
-            "neither velocity nor position was measured: the position drifts, "
-            f"to ±{position_std_m:.2g} m at the end"
+            warning(
+                "neither velocity nor position was measured: the position drifts, to "
+                f"±{position_std_m:.2g} m at the end"
+            )
         )
     heading = inputs.adjustments.heading
     if heading is not None and not heading.is_known:
         messages.append(
-            "the heading is unknown: no yaw was measured, and the positions fit several headings; give "
-            "attitude0 a yaw, or fly with changes of speed"
+            warning(
+                "the heading is unknown: no yaw was measured, and the positions fit several headings",
+                "give attitude0 a yaw, or fly with changes of speed",
+            )
         )
     with_altitude = (
         readings.w_p_antenna_m is not None and np.isfinite(readings.w_p_antenna_m.values[:, 2]).any()
     )
     if readings.range_m is None and not with_altitude:
-        messages.append("neither range nor altitude was measured: heights are relative to the start")
+        messages.append(warning("neither range nor altitude was measured: heights are relative to the start"))
     return messages
 
 
-def _lost_in_pauses(inputs: FilterInput, at_s: Array, position_std_m: Array) -> list[str]:
+def _lost_in_pauses(inputs: FilterInput, at_s: Array, position_std_m: Array) -> list[Message]:
     """Return a message where a pause of all instruments of the motion causes most of the position's error."""
     motion = (inputs.readings.gyro_rad_s, inputs.readings.velocity_m_s, inputs.readings.w_p_antenna_m)
     stamps_s = np.unique(np.concatenate([series.stamps_s for series in motion if series is not None]))
@@ -235,8 +239,10 @@ def _lost_in_pauses(inputs: FilterInput, at_s: Array, position_std_m: Array) -> 
         return []
     more = f" and {len(lost) - 3} times more" if len(lost) > 3 else ""
     return [
-        f"neither IMU, velocity nor position was recorded {', '.join(lost[:3])}{more}: how far the vehicle "
-        "moved meanwhile is unknown, and all later positions are off by as much"
+        warning(
+            f"neither IMU, velocity nor position was recorded {', '.join(lost[:3])}{more}: how far the "
+            "vehicle moved meanwhile is unknown, and all later positions are off by as much"
+        )
     ]
 
 
@@ -263,17 +269,19 @@ def _counted(track: Track, reasons: Mapping[int, str]) -> dict[str, int]:
     }
 
 
-def _contradicted(inputs: FilterInput) -> list[str]:
+def _contradicted(inputs: FilterInput) -> list[Message]:
     """Return warnings about instruments whose errors far exceed noise."""
     return [
-        f"{name} and the other instruments contradict each other (off by {factor:.0f} times its noise); "
-        "check its unit and stamps, and whether another instrument has failed"
+        warning(
+            f"{name} and the other instruments contradict each other (off by {factor:.0f} times its noise)",
+            "check its unit and stamps, and whether another instrument has failed",
+        )
         for name, factor in inputs.adjustments.noise_factor.items()
         if factor >= CONTRADICTION_FACTOR
     ]
 
 
-def _implausible_offsets(states: States, trust: InertialTrust) -> list[str]:
+def _implausible_offsets(states: States, trust: InertialTrust) -> list[Message]:
     """Return a message for each offset of the IMU that is far beyond what is assumed of one."""
     messages = []
     for name, words, unit, usual in (
@@ -283,8 +291,11 @@ def _implausible_offsets(states: States, trust: InertialTrust) -> list[str]:
         largest = float(np.abs(states.errors[name][-1]).max())
         if largest > _IMPLAUSIBLE_SIGMAS * usual:
             messages.append(
-                f"the {words} and the other instruments contradict each other (it would be off by "
-                f"{largest:.2g} {unit}, {usual:g} is usual); check their axes, units and stamps"
+                warning(
+                    f"the {words} and the other instruments contradict each other (it would be off by "
+                    f"{largest:.2g} {unit}, {usual:g} is usual)",
+                    "check their axes, units and stamps",
+                )
             )
     return messages
 

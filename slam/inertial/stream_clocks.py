@@ -15,6 +15,7 @@ from backend.clocks.gap_steps import LONGEST_LAG_S, StampGap, gaps_of_one, is_st
 from backend.clocks.picture_clock import PictureClock, clock_of
 from slam.core.clock_steps import step_warning, steps_left_warning
 from slam.core.flight import Flight
+from slam.core.messages import Message
 from slam.core.streams import STREAMS
 from slam.inertial.imu_motion import COMPARED, ImuMotion, changes_against, delay_grid
 from slam.inertial.instruments import InertialTrust
@@ -30,12 +31,12 @@ _GAIN_ERROR = 0.5
 
 def without_stream_steps(
     flight: Flight, motion: ImuMotion, trust: InertialTrust
-) -> tuple[Flight, ImuMotion, list[str]]:
+) -> tuple[Flight, ImuMotion, list[Message]]:
     """Return the flight with the gaps closed in which a clock was set forward, each a warning of the flight;
     the motion by its IMU; and a line for each stream whose clock steps otherwise. Raises ``InputError``."""
     streams = [name for name in COMPARED if len(_stamps_s(flight, name)) > 1]
     flight, motion = _with_imu_gaps_closed(flight, streams, motion, trust)
-    left: list[str] = []
+    left: list[Message] = []
     for name in streams:
         folder = STREAMS[name].folder
         for gap in gaps_of_one(_stamps_s(flight, name), _stamps_s(flight, "imu")):

@@ -18,6 +18,7 @@ from scipy.ndimage import uniform_filter1d
 
 from backend.preintegration.integrals import gaps
 from backend.significance import SURE_SIGMAS
+from slam.core.messages import Message, warning
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.inertial.filter_input import filter_input
 from slam.inertial.instruments import InertialTrust
@@ -39,7 +40,8 @@ _SURE_OF_ZERO = 4.0
 _ABOVE_NOISE, _FAR_ABOVE_NOISE = 2.0, 3.0
 """Multiples of the accelerometer's integrated noise that the vehicle's changes of velocity must exceed; the
 larger one where nothing but a lack of correlation speaks against the velocity."""
-_CHECK = "the track over ground is not to be trusted; check signs, axes, unit and stamps of velocity0"
+_DOUBT = "the track over ground is not to be trusted"
+_CHECK = "check signs, axes, unit and stamps of velocity0"
 _AXES: Mapping[str, Array] = {
     "": np.eye(2),
     "forward and left exchanged": np.array([[0.0, 1.0], [1.0, 0.0]]),
@@ -55,24 +57,24 @@ LARGEST_GAIN = 2.0
 """Largest ratio of two changes that noise and gains explain; another unit differs by 3.28 (feet) at least."""
 
 
-def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust()) -> str:
-    """Describe how the velocity contradicts gyro and accelerometer; empty where it does not.
+def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust()) -> Message | None:
+    """Describe how the velocity contradicts gyro and accelerometer; None where it does not.
 
     Raises ``InputError`` where the flight has too little without its velocity.
     """
     imu, velocity = flight.imu, flight.velocity
     if imu is None or velocity is None or len(imu.stamps_s) < 2:
-        return ""
+        return None
     known = np.isfinite(velocity.v_m_s).all(axis=1)
     inputs = filter_input(replace(flight, velocity=None), trust)
     read_s = velocity.stamps_s[known]
     if len(read_s) == 0:
-        return ""
+        return None
     begin_s, end_s = max(inputs.start_s, read_s[0]), min(inputs.end_s, read_s[-1])
     pieces = _without_gaps([imu.stamps_s, read_s], begin_s, end_s) if begin_s < end_s else []
     at_s, ends = np.concatenate([[], *pieces]), np.cumsum([len(piece) for piece in pieces])[:-1]
     if len(at_s) < 2 * _WINDOW_S / _STEP_S:
-        return ""
+        return None
     states = filter_motion(inputs, at_s).smoothed
     assert states is not None
     yaw_rad = roll_pitch_yaw_of(states.w_T_b[:, :3, :3])[:, 2]
@@ -82,9 +84,9 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
     noise_m_s = _noise_m_s(imu.stamps_s, imu.accel_m_s2)
     moved = float(np.sqrt((made**2).sum(axis=1).mean())) / noise_m_s
     if moved < _ABOVE_NOISE:
-        return ""
+        return None
     if (np.ptp(velocity.v_m_s[known], axis=0) == 0).all():
-        return f"velocity0 does not change while imu0 shows that the vehicle accelerates (stuck?): {_CHECK}"
+        return _doubted("velocity0 does not change while imu0 shows that the vehicle accelerates (stuck?)")
     count = _independent(len(at_s))
     chance = SURE_SIGMAS / np.sqrt(count)
     read = {name: _changes(level @ axes, turn, ends) for name, axes in _AXES.items()}
@@ -94,6 +96,10 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
         or _in_a_part(read, made, at_s, noise_m_s)
         or _other_zero(read[""], made, turn, ends, count, trust.velocity_error_m_s)
     )
+
+
+def _doubted(finding: str) -> Message:
+    return warning(f"{finding}: {_DOUBT}", _CHECK)
 
 
 def _without_gaps(streams: list[Array], begin_s: float, end_s: float) -> list[Array]:
@@ -123,7 +129,7 @@ def _independent(rows: int) -> float:
     return 2 * max(rows * _STEP_S / (0.5 * _WINDOW_S), 1.0)
 
 
-def _in_a_part(read: Mapping[str, Array], made: Array, at_s: Array, noise_m_s: float) -> str:
+def _in_a_part(read: Mapping[str, Array], made: Array, at_s: Array, noise_m_s: float) -> Message | None:
     """Compare changes of velocity (n, 2) in parts of the flight: axes may change in mid-flight."""
     for parts in _PARTS:
         for rows in np.array_split(np.arange(len(at_s)), parts):
@@ -132,8 +138,8 @@ def _in_a_part(read: Mapping[str, Array], made: Array, at_s: Array, noise_m_s: f
             chance = _SURE_IN_PARTS / np.sqrt(_independent(len(rows)))
             of_part = {name: changes[rows] for name, changes in read.items()}
             if line := _other_axes(of_part, made[rows], chance):
-                return f"from {at_s[rows[0]]:.1f} to {at_s[rows[-1]]:.1f} s {line}"
-    return ""
+                return line.prefixed(f"from {at_s[rows[0]]:.1f} to {at_s[rows[-1]]:.1f} s")
+    return None
 
 
 def _other_zero(
@@ -143,7 +149,7 @@ def _other_zero(
     ends: NDArray[np.int64],
     independent: float,
     usual_m_s: float,
-) -> str:
+) -> Message | None:
     """Describe a constant error of the velocity, which turns with the vehicle, beyond the ``usual_m_s``.
 
     Changes of velocity (n, 2) by the IMU are fitted by those that are read, with a gain, and by those of a
@@ -158,12 +164,12 @@ def _other_zero(
     std = np.sqrt(np.diag(inverse) * float(rest @ rest) / independent)
     gain, error = fitted[0], -fitted[1:]
     if gain < _SURE_OF_ZERO * std[0] or (np.abs(error) - _SURE_OF_ZERO * std[1:]).max() < usual_m_s:
-        return ""
+        return None
     forward, left = error / gain
-    return (
+    return warning(
         f"velocity0 has a constant error of about {forward:.2g} m/s forward and {left:.2g} m/s left, as the "
-        "turns show beside imu0: the track over ground is not to be trusted; check the zero of velocity0 "
-        "with the vehicle at rest"
+        "turns show beside imu0: the track over ground is not to be trusted",
+        "check the zero of velocity0 with the vehicle at rest",
     )
 
 
@@ -177,7 +183,7 @@ def _correlation(read: Array, made: Array) -> float:
     return float((read * made).sum()) / float(np.sqrt((read**2).sum() * (made**2).sum()))
 
 
-def _other_axes(read: Mapping[str, Array], made: Array, chance: float) -> str:
+def _other_axes(read: Mapping[str, Array], made: Array, chance: float) -> Message | None:
     """Compare changes of velocity (n, 2) by the IMU with those that are read, by names of other axes.
 
     Other axes must correlate beyond chance, and by as much better than those that are told.
@@ -185,30 +191,30 @@ def _other_axes(read: Mapping[str, Array], made: Array, chance: float) -> str:
     alike = {name: _correlation(changes, made) for name, changes in read.items()}
     best = max(alike, key=lambda name: alike[name])
     if alike[best] < chance or alike[best] - alike[""] < chance:
-        return ""
-    return (
+        return None
+    return _doubted(
         f"velocity0 changes as imu0 shows with {best} (correlation {alike[best]:.2f}, as it is "
-        f"{alike['']:.2f}; axes or signs?): {_CHECK}"
+        f"{alike['']:.2f}; axes or signs?)"
     )
 
 
-def _compared(read: Array, made: Array, chance: float, moved: float) -> str:
+def _compared(read: Array, made: Array, chance: float, moved: float) -> Message | None:
     """Compare changes of velocity (n, 2); ``moved``: those by the IMU over their noise. ``chance`` is the
     correlation of changes that have nothing in common, with its largest error."""
     of_read, of_made = float((read**2).sum()), float((made**2).sum())
     alike = _correlation(read, made)
     larger = float((read * made).sum()) / of_made
     if alike < -chance:
-        return f"velocity0 changes against what imu0 shows (correlation {alike:.2f}; signs?): {_CHECK}"
+        return _doubted(f"velocity0 changes against what imu0 shows (correlation {alike:.2f}; signs?)")
     if alike < chance and moved > _FAR_ABOVE_NOISE:
-        return f"velocity0 does not change as imu0 shows (correlation {alike:.2f}; stuck, or axes?): {_CHECK}"
+        return _doubted(f"velocity0 does not change as imu0 shows (correlation {alike:.2f}; stuck, or axes?)")
     if (
         alike > chance
         and not 1 / LARGEST_GAIN < np.sqrt(of_read / of_made) < LARGEST_GAIN
         and not 1 / LARGEST_GAIN < larger < LARGEST_GAIN
     ):
-        return f"velocity0 changes by {larger:.2g} times what imu0 shows (unit?): {_CHECK}"
-    return ""
+        return _doubted(f"velocity0 changes by {larger:.2g} times what imu0 shows (unit?)")
+    return None
 
 
 def _without_mean(values: Array, ends: NDArray[np.int64]) -> Array:

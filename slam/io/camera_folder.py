@@ -12,7 +12,7 @@ from numpy.polynomial.polynomial import polyval
 from backend.measurements import LensModel
 from backend.wording import counted, either
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.core.messages import Line
+from slam.core.messages import Message, warning
 from slam.core.streams import Frames
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
@@ -41,7 +41,7 @@ SIZES_CHECKED = 32
 """Number of picture headers that are checked on reading. Every picture is checked again when it is loaded."""
 
 
-def camera_of(sensor: YamlFile, notes: list[Line]) -> Camera:
+def camera_of(sensor: YamlFile, notes: list[Message]) -> Camera:
     """Return the camera. Raises ``InputError`` if the intrinsics are missing or invalid."""
     model = sensor.text("camera_model", "pinhole")
     if model != "pinhole":
@@ -70,8 +70,10 @@ def camera_of(sensor: YamlFile, notes: list[Line]) -> Camera:
         )
     if not 0.1 < fu / width < 20 or not 0.5 < fu / fv < 2:
         notes.append(
-            f"focal lengths {fu:g}, {fv:g} px are unusual for a picture {width:g} px wide; check "
-            "intrinsics in sensor.yaml"
+            warning(
+                f"focal lengths {fu:g}, {fv:g} px are unusual for a picture {width:g} px wide",
+                "check intrinsics in sensor.yaml",
+            )
         )
     if (readout_s := sensor.number("readout", 0.0)) > _MAX_READOUT_S:
         raise sensor.refuse(
@@ -81,8 +83,10 @@ def camera_of(sensor: YamlFile, notes: list[Line]) -> Camera:
         )
     if not sensor.has("T_BS"):
         notes.append(
-            "sensor.yaml has no T_BS: a down-looking camera with the nose at the top is assumed; add T_BS "
-            "if it is mounted otherwise"
+            warning(
+                "sensor.yaml has no T_BS: a down-looking camera with the nose at the top is assumed",
+                "add T_BS if it is mounted otherwise",
+            )
         )
     lens, distortion = _lens(sensor)
     corner = math.hypot(max(cu, width - 1 - cu) / fu, max(cv, height - 1 - cv) / fv)
@@ -95,8 +99,11 @@ def camera_of(sensor: YamlFile, notes: list[Line]) -> Camera:
         )
     if share < 1:
         notes.append(
-            f"distortion_coefficients are valid over {100 * share:.0f} % of the way from centre to corner, "
-            "not beyond; calibrate again with a target that reaches the corners"
+            warning(
+                f"distortion_coefficients are valid over {100 * share:.0f} % of the way from centre to "
+                "corner, not beyond",
+                "calibrate again with a target that reaches the corners",
+            )
         )
     return Camera(
         focal_px=(fu, fv),
@@ -157,7 +164,9 @@ def _valid_share(lens: LensModel, distortion: tuple[float, ...], corner: float) 
     return 1.0 if not len(decreasing) else min(1.0, float(distorted[decreasing[0]]) / corner)
 
 
-def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes: list[Line]) -> Frames | None:
+def frames_of(
+    table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes: list[Message]
+) -> Frames | None:
     """Return the pictures that ``data.csv`` lists, or None if it lists none. Raises ``InputError``."""
     folder = table.path.parent / "data"
     if not len(table.stamps_ns):
@@ -175,15 +184,19 @@ def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes:
         )
     if missing:
         notes.append(
-            f"{missing} of {len(paths)} pictures {either(missing, 'is', 'are')} missing in data/; copy "
-            "them there, or ground may be "
-            "missing on the map"
+            warning(
+                f"{missing} of {len(paths)} pictures {either(missing, 'is', 'are')} missing in data/",
+                "copy them there, or ground may be missing on the map",
+            )
         )
     unlisted = len(set(entries) - set(table.names))
     if unlisted:
         notes.append(
-            f"{counted(unlisted, 'file')} in data/ {either(unlisted, 'is', 'are')} not listed in data.csv; "
-            "add a line for each that the map shall use"
+            warning(
+                f"{counted(unlisted, 'file')} in data/ {either(unlisted, 'is', 'are')} not listed in "
+                "data.csv",
+                "add a line for each that the map shall use",
+            )
         )
     _check_sizes(paths, camera, notes)
     notes += transparent_pixels(paths)
@@ -213,7 +226,7 @@ def _check_name(path: Path, name: str, table: Path, line: int, folder: Path, roo
     check_inside(path, root)
 
 
-def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[Line]) -> None:
+def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[Message]) -> None:
     """Refuse ``resolution`` if no picture has it. Note pictures of another size, which are left out when
     loaded.
     """
@@ -236,4 +249,8 @@ def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[Line]) -> 
     what = f"is {width} x {height} px but sensor.yaml gives {w} x {h}"
     if matching == 0:
         raise refusal(path, what, "correct resolution and intrinsics in cam0/sensor.yaml")
-    notes.append(f"pictures change their size: {path.name} {what}; those are left out; record with one size")
+    notes.append(
+        warning(
+            f"pictures change their size: {path.name} {what}", "those are left out", "record with one size"
+        )
+    )

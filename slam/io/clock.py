@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted
-from slam.core.messages import Message, about, as_note
+from slam.core.messages import Message, about
 from slam.io.csv_stream import CsvTable
 
 JUMP_NS = 600 * 10**9
@@ -77,7 +77,7 @@ def _without_twins(name: str, table: CsvTable, remarks: list[Message]) -> CsvTab
             keep.append(k)
     if dropped := len(table.stamps_ns) - len(keep):
         remarks.append(
-            as_note(about(name, f"{counted(dropped, 'repeated row')} dropped, one of each is kept"))
+            about(name, f"{counted(dropped, 'repeated row')} dropped, one of each is kept").as_note()
         )
     rows = np.array(keep)
     return table.rows(rows, table.stamps_ns[rows])
@@ -164,9 +164,8 @@ def _find_jumps(
         remarks.append(
             about(
                 name,
-                f"{counted(dropped, 'row')} dropped whose stamps lie far from all others; correct the "
-                "stamps if "
-                "they belong to the flight",
+                f"{counted(dropped, 'row')} dropped whose stamps lie far from all others",
+                "correct the stamps if they belong to the flight",
             )
         )
     stamps = table.stamps_ns[rows]
@@ -226,8 +225,9 @@ def _jump_remark(name: str, table: CsvTable, jump: _Jump) -> Message:
     return about(
         name,
         f"the clock jumps {way} by {abs(jump.ahead_ns) * 1e-9:.3f} s at {table.row_word} "
-        f"{table.lines[jump.row]}; later stamps were moved to continue, assuming that no time was "
-        "lost; if the recorder paused there, map the parts before and after as two flights",
+        f"{table.lines[jump.row]}",
+        "later stamps were moved to continue, assuming that no time was lost",
+        "if the recorder paused there, map the parts before and after as two flights",
     )
 
 
@@ -306,9 +306,9 @@ def _pause_remark(tables: dict[str, CsvTable], silence: _Silence) -> Message:
     return about(
         name,
         f"no stream has rows for {(silence.next_ns - silence.last_ns) * 1e-9:.0f} s before "
-        f"{tables[name].row_word} {tables[name].lines[row]}; taken as time that passed, because "
-        f"{silence.broken} is interrupted for longer than the others; if the clock was set there, correct "
-        "the stamps",
+        f"{tables[name].row_word} {tables[name].lines[row]}",
+        f"taken as time that passed, because {silence.broken} is interrupted for longer than the others",
+        "if the clock was set there, correct the stamps",
     )
 
 
@@ -325,9 +325,8 @@ def _sorted(name: str, table: CsvTable, remarks: list[Message]) -> CsvTable:
         remarks.append(
             about(
                 name,
-                f"{counted(int((~first).sum()), 'row')} with the stamp of another row dropped; check "
-                "the recorder "
-                "if they are many",
+                f"{counted(int((~first).sum()), 'row')} with the stamp of another row dropped",
+                "check the recorder if they are many",
             )
         )
     if not late and first.all():

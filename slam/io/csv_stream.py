@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted
 from slam.core.errors import InputError
-from slam.core.messages import Line
+from slam.core.messages import Message, warning
 from slam.io.csv_header import CsvColumn, column_indices, extra_columns, header_of, parse_header
 from slam.io.files import brief, read_bytes, refusal, refuse_other_content, without_zero_tail
 
@@ -32,8 +32,9 @@ BLOCK_ROWS = 5000
 
 
 _LONGER = "copy the file again if the recording is longer"
-_LAST_LINE = f"last line, cut short, dropped; {_LONGER}"
-_NO_STAMP = "rows without a finite stamp dropped; check the clock that stamps them"
+_LAST_LINE = "last line, cut short, dropped", _LONGER
+_NO_STAMP = "rows without a finite stamp dropped", "check the clock that stamps them"
+_INFINITE = "infinite values treated as missing", "check the sensor"
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class CsvTable:
     """(n,) a column as text, if requested; else empty."""
     lines: NDArray[np.int64]
     """(n,) line numbers in the file."""
-    notes: tuple[Line, ...] = ()
+    notes: tuple[Message, ...] = ()
     """One line for each loss of data, without the name of the file."""
     truncated: bool = False
     """Whether the file ends as after a power loss of the recorder."""
@@ -83,7 +84,7 @@ class _CsvText:
     header: list[str]
     lines: list[bytes]
     numbers: list[int]
-    notes: list[str]
+    notes: list[Message]
     unterminated: bool
 
 
@@ -95,7 +96,7 @@ def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvT
     notes, cut = list(text.notes), bool(text.notes)
     if text.lines and text.unterminated and _last_row_is_truncated(text.lines, width):
         text.lines.pop(), text.numbers.pop()
-        notes.append(f"the last line is cut short and was dropped (1 row); {_LONGER}")
+        notes.append(warning("the last line is cut short and was dropped (1 row)", _LONGER))
         cut = True
     if not text.lines:
         empty = np.empty((0, len(columns)))
@@ -113,10 +114,14 @@ def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvT
         lines = np.array(text.numbers)
     except (ValueError, OverflowError):
         stamps, values, lines, found = _parse_line_by_line(text, indices, columns)
-        notes += [f"{count} {what}" for what, count in found.items()]
+        notes += _counted(found)
     if extra := extra_columns(text.header, columns):
         ignored = brief(", ".join(extra), 120)
-        notes.append(f"columns not of this stream ignored: {ignored}; check their names if they should count")
+        notes.append(
+            warning(
+                f"columns not of this stream ignored: {ignored}", "check their names if they should count"
+            )
+        )
     return check_limits(
         CsvTable(
             path=path,
@@ -142,7 +147,7 @@ def read_names(path: Path, root: Path, title: str, numbers: tuple[CsvColumn, ...
     at, width = names_at.index(title), len(names_at)
     indices = column_indices(path, text.header, numbers)
     stamps, names, lines, values = [], [], [], []
-    lost: Counter[str] = Counter()
+    lost: Counter[tuple[str, str]] = Counter()
     cut = bool(text.notes)
     if text.lines and text.unterminated and _last_name_is_truncated(text.lines):
         text.lines.pop(), text.numbers.pop()
@@ -174,7 +179,7 @@ def read_names(path: Path, root: Path, title: str, numbers: tuple[CsvColumn, ...
                 for column, k in zip(numbers, indices, strict=True)
             ]
         )
-    notes = (*text.notes, *(f"{n} {what}" for what, n in lost.items()))
+    notes = (*text.notes, *_counted(lost))
     table = CsvTable(
         path=path,
         stamps_ns=np.array(stamps, np.int64),
@@ -258,11 +263,11 @@ def _parse_block(lines: list[bytes], width: int, indices: list[int | None]) -> t
 
 def _parse_line_by_line(
     text: _CsvText, indices: list[int | None], columns: tuple[CsvColumn, ...]
-) -> tuple[Stamps, Array, NDArray[np.int64], Counter[str]]:
+) -> tuple[Stamps, Array, NDArray[np.int64], Counter[tuple[str, str]]]:
     """Parse line by line. Raises ``InputError`` for a faulty line; drops and counts rows without a stamp."""
     width = len(text.header)
     stamps, values, lines = [], [], []
-    found: Counter[str] = Counter()
+    found: Counter[tuple[str, str]] = Counter()
     for raw, number in zip(text.lines, text.numbers, strict=True):
         fields = [f.strip().strip('"') for f in raw.decode("utf-8", "backslashreplace").split(",")]
         if len(fields) != width:
@@ -277,7 +282,7 @@ def _parse_line_by_line(
         for column, at in zip(columns, indices, strict=True):
             value = np.nan if at is None else _number(fields[at], column, text.path, number)
             if np.isinf(value):
-                found["infinite values treated as missing; check the sensor"] += 1
+                found[_INFINITE] += 1
                 value = np.nan
             row.append(value)
         stamps.append(stamp)
@@ -289,6 +294,11 @@ def _parse_line_by_line(
         np.array(lines, np.int64),
         found,
     )
+
+
+def _counted(lost: Counter[tuple[str, str]]) -> list[Message]:
+    """Return a message for each kind of loss, of which the key holds the clauses."""
+    return [warning(f"{count} {what}", do) for (what, do), count in lost.items()]
 
 
 def _stamp(field: str, path: Path, line: int) -> int | None:
@@ -333,8 +343,10 @@ def check_limits(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
         table.values[too_large, k] = np.nan
         what = f"{column.name} beyond {column.most}"
         notes.append(
-            f"{counted(count, 'value')} of {what} treated as missing (first: {table.row_word} "
-            f"{table.lines[first]}); "
-            "check the sensor there"
+            warning(
+                f"{counted(count, 'value')} of {what} treated as missing (first: {table.row_word} "
+                f"{table.lines[first]})",
+                "check the sensor there",
+            )
         )
     return replace(table, notes=tuple(notes))

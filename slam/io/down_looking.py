@@ -8,6 +8,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.messages import Message, warning
+
 Array = NDArray[np.float64]
 
 MAX_TILT_DEG = 30.0
@@ -19,9 +21,9 @@ _DOWN_WORDS = {"down", "downward", "bottom", "belly", "nadir", "below"}
 _ASIDE_WORDS = {"front", "forward", "ahead", "left", "right", "rear", "back", "up", "upward", "side", "top"}
 
 
-NOSE_AT_TOP = (
-    "no fixed transform to the body: looking straight down with the nose at the top assumed; record "
-    "/tf_static if it is mounted otherwise"
+NOSE_AT_TOP = warning(
+    "no fixed transform to the body: looking straight down with the nose at the top assumed",
+    "record /tf_static if it is mounted otherwise",
 )
 """Warning about a camera whose mount nothing tells."""
 
@@ -51,9 +53,9 @@ def axis_tilt_deg(b_axis: Array, b_up: Array = _UP) -> float:
     return float(np.degrees(np.arccos(np.clip(-b_axis @ b_up / lengths, -1, 1))))
 
 
-def tilt_remark(tilt_deg: float) -> str:
+def tilt_remark(tilt_deg: float) -> Message:
     """Return the remark about a camera whose tilt exceeds ``MAX_TILT_DEG``."""
-    return (
-        f"looks {tilt_deg:.0f} degrees away from straight down; a map of the floor cannot fit it: "
-        "turn the camera, or correct its mount"
+    return warning(
+        f"looks {tilt_deg:.0f} degrees away from straight down",
+        "a map of the floor cannot fit it: turn the camera, or correct its mount",
     )

@@ -47,7 +47,7 @@ from slam.core.errors import InputError
 from slam.core.estimate import MAP_TRAJECTORIES, Estimate, GroundFacts, LoopVerdict
 from slam.core.floor_points import FloorPoints
 from slam.core.geodesy import GeoOrigin
-from slam.core.messages import Kind, Message, as_reason, joined, recorded
+from slam.core.messages import Kind, Message, clauses_of, joined, parsed, recorded
 from slam.io.atomic import write_whole
 from slam.io.estimate_arrays import LATER, NO_POINTS, POINTS, unpacked
 from slam.io.estimate_text import loops_text, trajectory_text
@@ -132,7 +132,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "partly_drawn": estimate.partly_drawn,
         "timing_s": estimate.timing_s,
         "warnings": list(estimate.warnings),
-        "messages": [asdict(message) for message in estimate.messages],
+        "messages": [{**asdict(message), "text": message.text} for message in estimate.messages],
         "graph_error": float(estimate.graph_error),
         "iterations": int(estimate.iterations),
         "ways": list(estimate.trajectory_names),
@@ -232,11 +232,17 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
     )
 
 
+def _message(record: dict[str, Any]) -> Message:
+    # Earlier versions wrote the text alone.
+    clauses = tuple(map(str, record["clauses"])) if "clauses" in record else clauses_of(str(record["text"]))
+    return Message(clauses, Kind(record["kind"]), str(record["about"]))
+
+
 def _messages(record: dict[str, Any]) -> tuple[Message, ...]:
     if "messages" in record:
-        return tuple(Message(str(m["text"]), Kind(m["kind"]), str(m["about"])) for m in record["messages"])
+        return tuple(map(_message, record["messages"]))
     # Earlier versions wrote the status and the texts.
-    status = "" if record["status"] == "ok" else as_reason(str(record["status"]))
+    status = None if record["status"] == "ok" else parsed(str(record["status"])).as_reason()
     return joined(status, *(recorded(str(text), record.get("notes", ())) for text in record["warnings"]))
 
 

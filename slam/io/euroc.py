@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.wording import counted
 from slam.core.flight import Flight
-from slam.core.messages import Line, Message, about, as_note
+from slam.core.messages import Message, about, note, warning
 from slam.core.streams import Truth
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_numbers
@@ -65,7 +65,7 @@ def import_euroc(folder: str | Path) -> Flight:
     if camera != "cam0":
         flight = read_flight(root, camera, ignored=(*_EUROC_ONLY, "cam0"))
     present = [name for name in _EUROC_ONLY if (mav0 / name).exists()]
-    remarks: list[Line] = []
+    remarks: list[Message] = []
     if camera != "cam0":
         remarks.append(about("cam0", f"the pictures of {camera} are used, which looks down by its T_BS"))
     elif "cam1" in present:
@@ -77,7 +77,7 @@ def import_euroc(folder: str | Path) -> Flight:
     if flight.truth is None and "leica0" in present:
         remarks.append(
             about(
-                "leica0", "holds positions without attitude, which are no truth; ignored: record vicon0 too"
+                "leica0", "holds positions without attitude, which are no truth", "ignored: record vicon0 too"
             )
         )
     flight, renamed = _to_forward_left_up(flight)
@@ -105,8 +105,8 @@ def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[
     ordered, notes = sort_by_time({"vicon0": table})
     table = ordered["vicon0"]
     notes = [
-        about("vicon0", as_note("used as the ground truth")),
-        *(about("vicon0", n) for n in table.notes),
+        note("used as the ground truth").named("vicon0"),
+        *(n.named("vicon0") for n in table.notes),
         *notes,
     ]
     length = np.linalg.norm(table.values[:, 3:7], axis=1)
@@ -124,7 +124,7 @@ def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[
     return Truth((table.stamps_ns[complete] - epoch_ns) * 1e-9, w_T_s @ np.linalg.inv(b_T_s)), notes
 
 
-def _to_forward_left_up(flight: Flight) -> tuple[Flight, list[Line]]:
+def _to_forward_left_up(flight: Flight) -> tuple[Flight, list[Message]]:
     """Return the flight with body axes renamed so that z is up, and a remark about it.
 
     Only quarter turns are used, so a mount angle of a few degrees keeps its calibrated value.
@@ -149,7 +149,7 @@ def _to_forward_left_up(flight: Flight) -> tuple[Flight, list[Line]]:
         imu=imu and replace(imu, b_T_s=n_T_b @ imu.b_T_s),
         truth=truth and replace(truth, w_T_b=truth.w_T_b @ n_T_b.T),
     )
-    return renamed, [remark]
+    return renamed, [warning(remark)]
 
 
 def _up_in_body(flight: Flight) -> Array | None:
@@ -171,11 +171,11 @@ def _forward_in_body(flight: Flight) -> Array:
     return b_R_c[:, 2] - b_R_c[:, 1]
 
 
-def _camera_direction_remarks(flight: Flight) -> list[Line]:
+def _camera_direction_remarks(flight: Flight) -> list[Message]:
     if flight.camera is None:
         return []
     tilt_deg = axis_tilt_deg(flight.camera.b_T_c[:3, 2])
-    return [about("cam0", tilt_remark(tilt_deg))] if tilt_deg > MAX_TILT_DEG else []
+    return [tilt_remark(tilt_deg).named("cam0")] if tilt_deg > MAX_TILT_DEG else []
 
 
 def _axis(direction: Array) -> str:

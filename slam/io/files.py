@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import stat
+from dataclasses import replace
 from pathlib import Path
 
 from slam.core.errors import InputError, one_line
+from slam.core.messages import Message, clauses_of, warning
 from slam.io.content import HEAD_BYTES, content_name
 
 OUTPUT_MARKER = ".slam-output"
@@ -22,6 +24,13 @@ def brief(text: object, limit: int = 200) -> str:
     """Return external text for a message: on one line, at most ``limit`` characters."""
     shown = one_line(str(text))
     return shown if len(shown) <= limit else shown[: limit - 3] + "..."
+
+
+def brief_message(message: Message, limit: int = 600) -> Message:
+    """Return a message of external text on one line, with at most ``limit`` characters."""
+    if len(message.text) > limit:
+        return replace(message, clauses=clauses_of(brief(message.text, limit)))
+    return replace(message, clauses=tuple(brief(clause, limit) for clause in message.clauses))
 
 
 def refusal(
@@ -66,7 +75,7 @@ def read_bytes(path: Path, root: Path, limit_bytes: int) -> bytes:
         raise refusal(path, f"cannot be read ({error.strerror})", "check its permissions") from None
 
 
-def read_text(path: Path, root: Path, limit_bytes: int) -> tuple[str, list[str]]:
+def read_text(path: Path, root: Path, limit_bytes: int) -> tuple[str, list[Message]]:
     """Return the UTF-8 text of a small file, and a note about zero bytes at its end, which are dropped.
 
     Raises ``InputError`` as ``read_bytes`` does, and where the file holds something else than text.
@@ -74,16 +83,18 @@ def read_text(path: Path, root: Path, limit_bytes: int) -> tuple[str, list[str]]
     data, notes = without_zero_tail(read_bytes(path, root, limit_bytes))
     refuse_other_content(path, data)
     try:
-        return data.decode("utf-8-sig"), [f"{path.name}: {note}" for note in notes]
+        return data.decode("utf-8-sig"), [note.after(path.name) for note in notes]
     except UnicodeDecodeError:
         raise refusal(path, "is not UTF-8 text", "save it as UTF-8") from None
 
 
-def without_zero_tail(data: bytes) -> tuple[bytes, list[str]]:
+def without_zero_tail(data: bytes) -> tuple[bytes, list[Message]]:
     """Return data without the zero bytes at its end, and a note about them."""
     text = data.rstrip(b"\0")
     zeros = len(data) - len(text)
-    return text, [f"the last {zeros} bytes are zeros (power loss?) and were dropped"] if zeros else []
+    return text, [
+        warning(f"the last {zeros} bytes are zeros (power loss?) and were dropped")
+    ] if zeros else []
 
 
 def refuse_other_content(path: Path, head: bytes) -> None:

@@ -7,18 +7,18 @@ in ``Flight.warnings``. Pictures stay on disk until they are requested.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from frontend.camera import Camera
 from slam.core.flight import Flight
-from slam.core.messages import Line, Message, about, as_unread, recorded
+from slam.core.messages import Message, recorded, unread, warning
 from slam.core.names import listed
 from slam.io.camera_folder import PICTURE_VELOCITY, camera_of, frames_of
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_names, read_numbers
-from slam.io.files import brief, check_inside, refusal
+from slam.io.files import brief, brief_message, check_inside, refusal
 from slam.io.flight_writer import write_flight
 from slam.io.gcp_list import with_own_points
 from slam.io.landmarks import check_pairs, read_landmarks
@@ -48,8 +48,8 @@ class _Recording:
     sensors: dict[str, YamlFile] = field(default_factory=dict)
     warnings: list[Message] = field(default_factory=list)
 
-    def note(self, folder: str, notes: Iterable[Line]) -> None:
-        self.warnings += [about(folder, note) for note in notes]
+    def note(self, folder: str, notes: Iterable[Message]) -> None:
+        self.warnings += [note.named(folder) for note in notes]
 
 
 def read_flight(path: Path | str, camera: str = "cam0", ignored: Collection[str] = ()) -> Flight:
@@ -70,7 +70,7 @@ def read_flight(path: Path | str, camera: str = "cam0", ignored: Collection[str]
     )
     recording = _Recording(root, metadata, camera, ignored)
     all_keyframes = _flag(metadata, "all_keyframes")
-    recording.warnings += [*map(Message, metadata.notes), *_assumptions(metadata)]
+    recording.warnings += [*metadata.notes, *_assumptions(metadata)]
     _read_streams(recording)
     check_stamps_agree(recording.tables)
     truncated = [name for name, table in recording.tables.items() if table.truncated]
@@ -82,7 +82,7 @@ def read_flight(path: Path | str, camera: str = "cam0", ignored: Collection[str]
     parts = _build(recording, epoch_ns)
     _note_truncation(recording, truncated)
     landmarks, notes = read_landmarks(root) if _exists(root / "landmarks.csv") else ({}, [])
-    recording.warnings += [recorded(note, ()) for note in notes]
+    recording.warnings += [note.concerning("landmarks.csv") for note in notes]
     flight = Flight(
         name=brief(metadata.text("name", "") or root.resolve().name, 120),
         epoch_ns=epoch_ns,
@@ -144,7 +144,9 @@ def _read_streams(recording: _Recording) -> None:
         if folder.name in known:
             _read_stream(recording, folder)
         elif folder.name not in recording.ignored:
-            line = "not a stream of the flight format, skipped; docs/flight-format.md lists the streams"
+            line = warning(
+                "not a stream of the flight format, skipped", "docs/flight-format.md lists the streams"
+            )
             recording.note(brief(folder.name, 60), [line])
 
 
@@ -160,7 +162,9 @@ def _read_stream(recording: _Recording, folder: Path) -> None:
         recording.note(name, (*sensor.notes, *sensor.misspelt_keys(KNOWN_KEYS)))
     else:
         sensor = YamlFile(folder / "sensor.yaml")
-        recording.note(name, ["has no sensor.yaml: nominal figures assumed; add one with its noise_std"])
+        recording.note(
+            name, [warning("has no sensor.yaml: nominal figures assumed", "add one with its noise_std")]
+        )
     csv = folder / "data.csv"
     if name == "cam0":
         table = read_names(csv, root, "filename", PICTURE_VELOCITY)
@@ -169,7 +173,9 @@ def _read_stream(recording: _Recording, folder: Path) -> None:
     notes = list(table.notes)
     check_stamp_unit(table, sensor, notes)
     if not len(table.stamps_ns):
-        notes.append(as_unread("data.csv has no rows; treated as not recorded; check that the sensor was on"))
+        notes.append(
+            unread("data.csv has no rows", "treated as not recorded", "check that the sensor was on")
+        )
     recording.note(name, notes)
     recording.tables[name], recording.sensors[name] = table, sensor
 
@@ -178,7 +184,7 @@ def _build(recording: _Recording, epoch_ns: int) -> dict[str, Any]:
     """Return the fields of ``Flight`` built from the sorted tables."""
     parts = build_fields(recording.tables, recording.sensors, epoch_ns, recording.note)
     if (table := recording.tables.get("cam0")) is not None:
-        notes: list[Line] = []
+        notes: list[Message] = []
         camera: Camera = camera_of(recording.sensors["cam0"], notes)
         parts["camera"] = camera
         parts["frames"] = frames_of(table, camera, epoch_ns, recording.root, notes)
@@ -193,7 +199,12 @@ def _note_truncation(recording: _Recording, truncated: list[str]) -> None:
         if name in ends and (lost := (max(ends.values()) - ends[name]) * 1e-9) > 0.5:
             recording.note(
                 name,
-                [f"was cut short: its last {lost:.1f} s are lost; copy it again if the recorder has them"],
+                [
+                    warning(
+                        f"was cut short: its last {lost:.1f} s are lost",
+                        "copy it again if the recorder has them",
+                    )
+                ],
             )
 
 
@@ -207,7 +218,7 @@ def _flag(metadata: YamlFile, key: str) -> bool:
 def _assumptions(metadata: YamlFile) -> list[Message]:
     """Return the notes about losses, repairs and assumptions from an earlier conversion of the flight."""
     notes = _lines(metadata, "no_action")
-    return [replace(recorded(line, notes), text=brief(line, 600)) for line in _lines(metadata, "assumed")]
+    return [brief_message(recorded(line, notes)) for line in _lines(metadata, "assumed")]
 
 
 def _lines(metadata: YamlFile, key: str) -> list[str]:
@@ -228,6 +239,8 @@ def _notes(recording: _Recording) -> dict[str, str]:
         if isinstance(value, str):
             notes[key] = value
         else:
-            recording.note("flight.yaml", [f"{brief(key, 40)} is not plain text, ignored; write one line"])
+            recording.note(
+                "flight.yaml", [warning(f"{brief(key, 40)} is not plain text, ignored", "write one line")]
+            )
     recording.note("flight.yaml", recording.metadata.misspelt_keys((*_FLIGHT_KEYS, *_NOTE_KEYS)))
     return notes

@@ -20,7 +20,7 @@ from slam.core.control_points import PictureView, Role, SurveyedPoint
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
-from slam.core.messages import Line, Message, about, as_message, as_note
+from slam.core.messages import Message, note, recorded
 from slam.core.names import listed
 from slam.core.surveyed_flight import faults_of
 from slam.io.files import read_text, refusal
@@ -40,7 +40,7 @@ FAR_M = 5000.0
 below one."""
 
 
-def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...], list[Line]]:
+def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...], list[Message]]:
     """Return the points of a file with views in the pictures of a flight, and notes on lines not used.
 
     Points whose coordinates contradict each other have a ``fault``. Raises ``InputError`` for a line that
@@ -73,7 +73,7 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     points = [
         replace(point, datum_std_m=float(np.nan_to_num(std_m)), height_system=heights) for point in points
     ]
-    unit = system.unit_note if any(row.place[2] is not None for row in rows) else ""
+    unit = system.unit_note if any(row.place[2] is not None for row in rows) else None
     said = [line for line in (*notes, system.datum_note(std_m), unit) if line]
     return _near_flight(path, points, flight, firsts, system), [*said, *unknown]
 
@@ -91,20 +91,16 @@ def with_own_points(flight: Flight, folder: Path) -> Flight:
             return flight
     flight = without_own_points(flight)  # lines that an import recorded about another list
     if flight.frames is None:
-        said = as_note(f"{path.name} is not used: the flight has no pictures")
-        return flight.with_warning(_named(path.name, said))
+        said = note(f"{path.name} is not used: the flight has no pictures")
+        return flight.with_warning(said.concerning(path.name))
     try:
         points, notes = read_gcp_list(path, flight)
     except InputError as refused:
-        reason = str(refused).removeprefix(f"{folder}/")
-        return flight.with_warning(_named(path.name, f"{reason}; no control point is used"))
-    lines = [*(_named(path.name, line) for line in notes), *(about(path.name, f) for f in faults_of(points))]
-    return replace(flight, surveyed=points).with_warning(*lines)
-
-
-def _named(name: str, line: Line) -> Message:
-    """Return a message that begins with the name of a list as one about the list."""
-    return replace(as_message(line), about=name)
+        said = recorded(str(refused).removeprefix(f"{folder}/")).extended("no control point is used")
+        return flight.with_warning(said.concerning(path.name))
+    of_list = [line.concerning(path.name) for line in notes]
+    faults = [fault.named(path.name) for fault in faults_of(points)]
+    return replace(flight, surveyed=points).with_warning(*of_list, *faults)
 
 
 def without_own_points(flight: Flight) -> Flight:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from slam.core.flight import Flight
-from slam.core.messages import Line
+from slam.core.messages import Message, warning
 from slam.core.names import listed
 from slam.io.files import brief, refusal
 from slam.io.gcp_views import GcpRow
@@ -17,7 +17,7 @@ from slam.io.picture_names import PictureNames, file_name
 
 def rows_in_flight(
     path: Path, rows: Sequence[GcpRow], flight: Flight, names: PictureNames
-) -> tuple[list[GcpRow], list[Line]]:
+) -> tuple[list[GcpRow], list[Message]]:
     """Return the rows of pictures of the flight, under its names of them, and a note about the others.
 
     ``names`` are those of the flight. Raises ``InputError`` for a picture that may be one of several, for a
@@ -45,11 +45,12 @@ def rows_in_flight(
         raise refusal(path, what, "write the names of its pictures", unknown[0].line)
     if not unknown:
         return known, []
-    note = (
-        f"{brief(path.name, 80)}, line {unknown[0].line}: no picture of the flight has this name; lines that "
-        f"are not used: {len(unknown)}, of {listed(missing)}; check the names"
+    said = warning(
+        f"{brief(path.name, 80)}, line {unknown[0].line}: no picture of the flight has this name",
+        f"lines that are not used: {len(unknown)}, of {listed(missing)}",
+        "check the names",
     )
-    return known, [note]
+    return known, [said]
 
 
 def _check_pixel(path: Path, row: GcpRow, flight: Flight, picture: str) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.geodesy import MAX_ALTITUDE_M, METRES_PER_DEGREE, metres_per_degree_east
-from slam.core.messages import Line
+from slam.core.messages import Message, warning
 from slam.core.streams import Gps
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ in degrees."""
 
 
 def accuracy_in_metres(
-    noise_std: Sequence[float], latitude_deg: float, notes: list[Line]
+    noise_std: Sequence[float], latitude_deg: float, notes: list[Message]
 ) -> tuple[float, float, float]:
     """Return the accuracy east, north, up in metres of ``noise_std``: along latitude, longitude, and up.
 
@@ -41,9 +41,11 @@ def accuracy_in_metres(
     degrees = f"{along / METRES_PER_DEGREE:.3g}"
     if up > _UP_SPLIT * along:
         why = f"{max(in_degrees):.0f} m, because that of the altitude is {up:g} m"
-        notes.append(f"{what} degrees, {why}; write {degrees} if it is in metres")
+        notes.append(warning(f"{what} degrees, {why}", f"write {degrees} if it is in metres"))
         return *in_degrees, up
-    notes.append(f"{what} metres: as degrees it is {max(in_degrees):.0f} m; write degrees, {degrees}")
+    notes.append(
+        warning(f"{what} metres: as degrees it is {max(in_degrees):.0f} m", f"write degrees, {degrees}")
+    )
     return east, north, up
 
 

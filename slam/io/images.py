@@ -23,7 +23,7 @@ import numpy as np
 from PIL import Image as Pillow
 
 from frontend.picture_check import reduced_size
-from slam.core.messages import Line
+from slam.core.messages import Message, warning
 from slam.core.streams import Image
 from slam.io.content_key import digest_with, file_key
 from slam.io.levels import Levels, Raw, levels_of, range_of
@@ -117,7 +117,7 @@ def _eight_bit(pixels: Raw, is_integer: bool, levels: Levels | None) -> Image:
     return levels.eight_bit(pixels)
 
 
-def common_levels(paths: Sequence[Path], notes: list[Line]) -> Levels | None:
+def common_levels(paths: Sequence[Path], notes: list[Message]) -> Levels | None:
     """Return the levels for all pictures, from a sample of them, and add notes about them.
 
     The result is None if no picture of the sample has more than 8 bits. Unreadable pictures are ignored, as
@@ -132,7 +132,7 @@ def sample_of(count: int) -> list[int]:
     return [int(k) for k in np.unique(np.linspace(0, count - 1, _PICTURES_FOR_LEVELS).astype(int))]
 
 
-def levels_of_sample(pictures: Iterable[tuple[Raw, bool]], notes: list[Line]) -> Levels | None:
+def levels_of_sample(pictures: Iterable[tuple[Raw, bool]], notes: list[Message]) -> Levels | None:
     """Return the levels for pictures like these, and add a note; None where none has more than 8 bits.
 
     Each comes with whether its values are integers.
@@ -146,23 +146,23 @@ def levels_of_sample(pictures: Iterable[tuple[Raw, bool]], notes: list[Line]) ->
         return None
     levels = levels_of(ranges, integer)
     notes.append(
-        f"pictures have more than 8 bits per pixel: the values {levels} are read as 8 bits, from the range "
-        f"in {len(ranges)} of them; convert them to 8 bits yourself if the mosaic is too dark or too bright"
+        warning(
+            f"pictures have more than 8 bits per pixel: the values {levels} are read as 8 bits, from the "
+            f"range in {len(ranges)} of them",
+            "convert them to 8 bits yourself if the mosaic is too dark or too bright",
+        )
     )
     return levels
 
 
-def _unread_samples(paths: Sequence[Path]) -> list[str]:
+def _unread_samples(paths: Sequence[Path]) -> list[Message]:
     """Return a note if a sample of the pictures has more samples a pixel than are read."""
     most = 0
     for k in sample_of(len(paths)):
         with contextlib.suppress(UnreadableImageError):
             most = max(most, picture_header(paths[k]).of_samples)
-    return (
-        [f"pictures have {most} samples a pixel: the first alone is read; convert them if others show more"]
-        if most
-        else []
-    )
+    said = f"pictures have {most} samples a pixel: the first alone is read"
+    return [warning(said, "convert them if others show more")] if most else []
 
 
 def _deep_pictures(paths: Sequence[Path]) -> Iterator[tuple[Raw, bool]]:

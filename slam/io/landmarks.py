@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.messages import Message
 from slam.io.files import brief, read_text, refusal
 from slam.io.landmark_table import LandmarkTable
 from slam.io.sensor_yaml import YamlFile
@@ -18,7 +19,7 @@ Array = NDArray[np.float64]
 MAX_BYTES = 1 << 24
 
 
-def read_landmarks(root: Path) -> tuple[dict[str, Array], list[str]]:
+def read_landmarks(root: Path) -> tuple[dict[str, Array], list[Message]]:
     """Return a map of names to (3,) metres in the world. Raises ``InputError`` with the faulty line.
 
     Points with a picture are control points, and those of a table with a coordinate system are not in the

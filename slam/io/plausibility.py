@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.messages import Line
+from slam.core.messages import Message, warning
 from slam.core.streams import AttitudeSeries, Imu
 from slam.io.csv_stream import CsvTable
 from slam.io.files import refusal
@@ -24,7 +24,7 @@ GYRO_LIMIT_RAD_S = 70.0
 _TIME_UNITS = {1e3: "microseconds", 1e6: "milliseconds", 1e9: "seconds"}
 
 
-def check_stamp_unit(table: CsvTable, sensor: YamlFile, notes: list[Line]) -> None:
+def check_stamp_unit(table: CsvTable, sensor: YamlFile, notes: list[Message]) -> None:
     """Refuse stamps in another unit than nanoseconds. Note a rate far from ``rate_hz``.
 
     Raises ``InputError``.
@@ -52,8 +52,10 @@ def check_stamp_unit(table: CsvTable, sensor: YamlFile, notes: list[Line]) -> No
         min(rate_hz, mean_hz) > 1.5 * nominal_hz or max(rate_hz, mean_hz) < nominal_hz / 1.5
     ):
         notes.append(
-            f"its rate is {rate_hz:.3g} Hz but sensor.yaml gives {nominal_hz:g} Hz; check for lost rows, "
-            "or correct rate_hz"
+            warning(
+                f"its rate is {rate_hz:.3g} Hz but sensor.yaml gives {nominal_hz:g} Hz",
+                "check for lost rows, or correct rate_hz",
+            )
         )
 
 

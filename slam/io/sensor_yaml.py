@@ -16,6 +16,7 @@ import yaml
 from numpy.typing import NDArray
 
 from backend.wording import either
+from slam.core.messages import Message, warning
 from slam.io.files import brief, read_text, refusal
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ class YamlFile:
     path: Path
     fields: dict[str, Value] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Message, ...] = ()
     """Damage of the file that was repaired."""
 
     def has(self, key: str) -> bool:
@@ -134,14 +135,16 @@ class YamlFile:
             T[:3, :3] = u @ vt
         return T
 
-    def misspelt_keys(self, known: tuple[str, ...]) -> list[str]:
+    def misspelt_keys(self, known: tuple[str, ...]) -> list[Message]:
         """Return one remark for each unknown key that resembles a known one."""
         remarks = []
         for key in self.fields:
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
             if key not in known and near:
                 remarks.append(
-                    f"{self.path.name} has {brief(key, 40)}, which is ignored; did you mean {near[0]}?"
+                    warning(
+                        f"{self.path.name} has {brief(key, 40)}, which is ignored", f"did you mean {near[0]}?"
+                    )
                 )
         return remarks
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from slam.core.messages import Line, as_unread
+from slam.core.messages import Message, unread
 from slam.core.streams import FIELD_BY_FOLDER, STREAMS
 from slam.io.csv_stream import CsvTable
 from slam.io.gravity_checks import check_gyro_by_gravity, check_quaternion_order
@@ -18,7 +18,7 @@ def build_fields(
     tables: Mapping[str, CsvTable],
     sensors: Mapping[str, YamlFile],
     epoch_ns: int,
-    note: Callable[[str, list[Line]], None],
+    note: Callable[[str, list[Message]], None],
 ) -> dict[str, Any]:
     """Return the fields of ``Flight`` that hold series, from sorted tables; pictures are left out.
 
@@ -29,10 +29,10 @@ def build_fields(
     for name, table in tables.items():
         if name == "cam0":
             continue
-        notes: list[Line] = []
+        notes: list[Message] = []
         series = build_series(name, Source(table, sensors[name], epoch_ns, notes))
         if series is None and len(table.stamps_ns):
-            notes.append(as_unread("no row is left; treated as not recorded; the lines before say why"))
+            notes.append(unread("no row is left", "treated as not recorded", "the lines before say why"))
         fields[FIELD_BY_FOLDER[name]] = series
         note(name, notes)
     if fields.get("imu") is not None:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from slam.core.geodesy import MAX_ALTITUDE_M
 from slam.core.instrument import Instrument
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note, warning
 from slam.core.streams import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
 from slam.io.assumed import assumed_keys
 from slam.io.csv_header import CsvColumn
@@ -92,7 +92,7 @@ class Source:
     table: CsvTable
     sensor: YamlFile
     epoch_ns: int
-    notes: list[Line]
+    notes: list[Message]
 
     @property
     def stamps_s(self) -> Array:
@@ -105,7 +105,7 @@ class Source:
         if rows.all():
             return self
         dropped = f"{int((~rows).sum())} of {len(self.table.stamps_ns)} rows dropped: {why}"
-        self.notes.append(as_note(dropped))
+        self.notes.append(note(dropped))
         keep = np.flatnonzero(rows)
         return Source(
             self.table.rows(keep, self.table.stamps_ns[keep]), self.sensor, self.epoch_ns, self.notes
@@ -114,7 +114,7 @@ class Source:
     def set_missing(self, bad: NDArray[np.bool_], column: int, why: str) -> None:
         """Set values of one column to missing, and note their number and the reason."""
         if bad.any():
-            self.notes.append(as_note(f"{int(bad.sum())} of {len(bad)} values treated as missing: {why}"))
+            self.notes.append(note(f"{int(bad.sum())} of {len(bad)} values treated as missing: {why}"))
             self.table.values[bad, column] = np.nan
 
     def row_error(self, row: int, what: str, do: str) -> Exception:
@@ -137,8 +137,11 @@ class Source:
         """Check T_BS of a stream that does not use it, and note a value other than the identity."""
         if not np.array_equal(self.sensor.transform(), np.eye(4)):
             self.notes.append(
-                "T_BS in sensor.yaml is not the identity; body axes assumed for the values; turn the values "
-                "into body axes, or write the identity"
+                warning(
+                    "T_BS in sensor.yaml is not the identity",
+                    "body axes assumed for the values",
+                    "turn the values into body axes, or write the identity",
+                )
             )
 
 
@@ -208,8 +211,10 @@ def _sonar(source: Source) -> Sonar:
     median = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
     if high == math.inf and median > _UNITS_RATIO * _USUAL_MAX_RANGE_M:
         source.notes.append(
-            f"has a median range of {median:g} m, and no max_range is stated; write max_range into "
-            "sensor.yaml, or convert the ranges to metres if they are centimetres"
+            warning(
+                f"has a median range of {median:g} m, and no max_range is stated",
+                "write max_range into sensor.yaml, or convert the ranges to metres if they are centimetres",
+            )
         )
     if median > _UNITS_RATIO * high:
         unit = "centimetres" if median * 0.01 <= high else "millimetres"

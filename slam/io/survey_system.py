@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam.core.errors import InputError
 from slam.core.height_systems import UNKNOWN
-from slam.core.messages import Message, as_note
+from slam.core.messages import Message, note, warning
 from slam.io.datum_accuracy import datum_accuracy_m
 from slam.io.files import brief, refusal
 
@@ -89,17 +89,18 @@ class SurveySystem:
         return f"EPSG:{base['code']}" if is_named else UNKNOWN
 
     @property
-    def unit_note(self) -> str:
-        """Return that heights are taken in metres where x and y are in another unit; empty elsewhere."""
+    def unit_note(self) -> Message | None:
+        """Return that heights are taken in metres where x and y are in another unit; None elsewhere."""
         if not self.crs.is_projected or _HEIGHT_UNIT.search(self.crs.to_wkt()):
-            return ""
+            return None
         name, unit_m = self.crs.linear_units_factor
         if abs(unit_m - 1) < _SAME_UNIT:
-            return ""
-        return (
+            return None
+        return warning(
             f"{brief(self.path.name, 80)}, line {self.line}: x and y are in another unit ({name}), and "
-            "heights are taken in metres, because no system of heights is named; name one with its unit "
-            "after a plus sign, such as EPSG:2232+6360 for US survey feet, or EPSG:2232+5703 for metres"
+            "heights are taken in metres, because no system of heights is named",
+            "name one with its unit after a plus sign, such as EPSG:2232+6360 for US survey feet, or "
+            "EPSG:2232+5703 for metres",
         )
 
     def datum_std_m(self, longitude_deg: float, latitude_deg: float) -> float:
@@ -116,8 +117,8 @@ class SurveySystem:
             f"{brief(self.header, 60)!r} to WGS 84 by a transformation {good}: the map's place on Earth is "
             "no better, its coordinates in that system are"
         )
-        unknown = Message(f"{line}; compare it with a point known in WGS 84")
-        return unknown if np.isnan(std_m) else as_note(line)
+        unknown = warning(line, "compare it with a point known in WGS 84")
+        return unknown if np.isnan(std_m) else note(line)
 
     def geodetic(self, xy: Array) -> Array:
         """Return longitude and latitude (n, 2) in degrees of x, y (n, 2); NaN for what the system lacks.

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as Pillow
 
+from slam.core.messages import Message, warning
 from slam.io.images import sample_of
 
 _OPAQUE = 255
 
 
-def transparent_pixels(paths: Sequence[Path]) -> list[str]:
+def transparent_pixels(paths: Sequence[Path]) -> list[Message]:
     """Return a line if a sample of the pictures has transparent pixels, whose colours are read nevertheless.
 
     Unreadable pictures are ignored, as they are counted when they are loaded.
@@ -24,9 +25,11 @@ def transparent_pixels(paths: Sequence[Path]) -> list[str]:
     if not masked:
         return []
     return [
-        f"pictures have transparent pixels ({masked} of {len(sample)} that were looked at): the colour "
-        "beneath, often black, is taken for ground, and the mosaic shows it; give the whole pictures, or "
-        "crop them"
+        warning(
+            f"pictures have transparent pixels ({masked} of {len(sample)} that were looked at): the colour "
+            "beneath, often black, is taken for ground, and the mosaic shows it",
+            "give the whole pictures, or crop them",
+        )
     ]
 
 

@@ -22,7 +22,7 @@ from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight
 from slam.core.heap import trim_heap
 from slam.core.instrument_errors import InstrumentErrors
-from slam.core.messages import Message
+from slam.core.messages import Message, warning
 from slam.core.streams import Gps
 from slam.mapping.calibration.antenna import (
     antenna_height_note,
@@ -199,7 +199,7 @@ def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, 
         return tested.errors if tested else None, lines, suspect
     except BackendError as error:
         why = f"errors that all pictures or all positions share cannot be tested for: {error}"
-        return None, [Message(f"{why}; compare one distance with the ground")], False
+        return None, [warning(why, "compare one distance with the ground")], False
 
 
 def _middle_std_m(map_: Map, datum: Array) -> float | None:

@@ -50,8 +50,8 @@ class Context:
     refuted: tuple[Refuted, ...] = ()
     """Calibrations that were fixed in an earlier map and that the pictures refuted: they are free parameters
     of this one."""
-    reason_still_fixed: str = ""
-    """Why a refuted antenna's place is fixed all the same; empty where none is."""
+    reason_still_fixed: Message | None = None
+    """Why a refuted antenna's place is fixed all the same; None where none is."""
     doubted_lens: Message | None = None
     """Warning about a lens that is refuted and fixed all the same; empty where none is."""
 

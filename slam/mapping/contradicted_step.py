@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from backend.measurements import Misfit
+from slam.core.messages import Message, warning
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class ContradictedStep:
     left_out: bool
     """Whether its odometry was left out; else the pairs were, which are no more than its links."""
 
-    def sentence(self, name: Callable[[int], str]) -> str:
+    def sentence(self, name: Callable[[int], str]) -> Message:
         """Return what contradicts what, by how much, where, and what to do; ``name`` of each keyframe."""
         begin, end = (name(k) for k in self.between)
         first, last = (name(k) for k in self.weakest)
@@ -33,12 +34,10 @@ class ContradictedStep:
                 f"them may be off by {self.off.length:.2g} {self.off.unit}"
             )
         else:
-            verdict = (
-                "too few to tell which is wrong: the map follows the odometry, and may be wrong by that; "
-                "fly over that ground again"
-            )
-        return (
+            verdict = "too few to tell which is wrong: the map follows the odometry, and may be wrong by that"
+        return warning(
             f"{self.pairs} pairs of pictures agree with each other and contradict the odometry by {self.off},"
-            f" somewhere between {begin} and {end}: {verdict}; look for damaged or frozen pictures from "
-            f"{first} to {last}"
+            f" somewhere between {begin} and {end}: {verdict}",
+            "" if self.left_out else "fly over that ground again",
+            f"look for damaged or frozen pictures from {first} to {last}",
         )

@@ -36,9 +36,9 @@ def without_horizon_frames(flight: Flight, camera: Camera) -> Flight:
         return flight
     warning = about(
         "attitude0",
-        f"according to {away.sum()} of {len(away)} readings the camera looks at the horizon or "
-        f"the sky; {either(away.sum(), 'it is', 'they are')} left out; check its angles, and T_BS in "
-        f"{flight.camera_file}",
+        f"according to {away.sum()} of {len(away)} readings the camera looks at the horizon or the sky",
+        f"{either(away.sum(), 'it is', 'they are')} left out",
+        f"check its angles, and T_BS in {flight.camera_file}",
     )
     left = np.where(away[:, None], np.nan, angles)
     attitude = None if away.all() else replace(flight.attitude, roll_pitch_yaw_rad=left)

@@ -12,10 +12,11 @@ from backend.bundle.refinement import Bundle
 from backend.inertial_scale.scale import NoScale
 from backend.measurements import AlignedPair, FloorTracks, InertialReadings, ReportedMotion
 from slam.core.imu_at_rest import GravityReading
-from slam.core.messages import Message
+from slam.core.messages import Message, clauses_of, warning
 from slam.core.names import enumerated
 from slam.core.progress import Progress
 from slam.mapping.calibration.fallback_scale import (
+    CHECK_SIGN,
     WRONG_SIGN,
     falls_where_the_camera_climbs,
     scaled_by_heights,
@@ -98,7 +99,7 @@ class MetricRefinement:
                 others = {"the accelerometer": lengths, "the barometer": setup.readings.heights}
                 names = enumerated([name for name, measured in others.items() if measured])
                 failed = f"a refinement that adds {names} failed: {reason}"
-                remarks.append(Message(f"lengths come from velocity0 alone; {failed}"))
+                remarks.append(warning("lengths come from velocity0 alone", *clauses_of(failed)))
             if reason and compared is not None and lengths is not None:
                 compared = replace(compared, scale=NoScale(reason))
         elif lengths is not None:
@@ -110,7 +111,9 @@ class MetricRefinement:
             reasons += [no_scale_line("barometer0", reason)] if reason else []
         if falls_where_the_camera_climbs(bundle.optimum.problem.measurements.heights, bundle.w_T_b):
             without = self.of(setup.without_heights(), part, None if first.uses_barometer else first)
-            said = Message(f"barometer0 is left out of the map: {WRONG_SIGN}", about="barometer0")
+            said = warning(f"barometer0 is left out of the map: {WRONG_SIGN}", CHECK_SIGN).concerning(
+                "barometer0"
+            )
             return replace(without, remarks=(*without.remarks, said))
         return RefinedPart(bundle, compared, tuple(reasons), tuple(remarks))
 

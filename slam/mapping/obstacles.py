@@ -20,7 +20,7 @@ from frontend.masking import ObstacleMask
 from frontend.robust import robust_std
 from frontend.views import Masks
 from slam.core.flight import Flight
-from slam.core.messages import Message, about, as_note
+from slam.core.messages import Message, about
 from slam.core.streams import Image, Sonar
 from slam.mapping.config import MaskingConfig
 
@@ -229,8 +229,9 @@ class Obstacles:
         """One line for the user, where there is no map without what shows them."""
         return about(
             self.warning.about,
-            f"{self.warning.finding}; hiding them from the matching would leave no "
-            "map, so nothing is hidden; what stands on the floor may bend the map: fly higher over it",
+            self.warning.finding,
+            "hiding them from the matching would leave no map, so nothing is hidden",
+            "what stands on the floor may bend the map: fly higher over it",
         )
 
     def cleared(self, flight: Flight) -> Flight:
@@ -254,8 +255,8 @@ def range_contradiction(echoes: Echoes, config: MaskingConfig) -> Message | None
             "sonar0",
             f"{standing.sum()} of {measured} ranges {either(standing.sum(), 'does', 'do')} not fit "
             "the map's heights over the floor, and "
-            "lengths that rest on them may be as wrong; check the sensor, and the camera's shutter and "
-            "calibration",
+            "lengths that rest on them may be as wrong",
+            "check the sensor, and the camera's shutter and calibration",
         )
     if not standing.any():
         return None
@@ -266,8 +267,8 @@ def range_contradiction(echoes: Echoes, config: MaskingConfig) -> Message | None
         return about(
             "sonar0",
             f"over the same ground the ranges of some visits are {100 * share:.0f} % shorter than "
-            "those of others, and lengths that rest on them may be as wrong; if nothing moved there, check "
-            "the sensor, and whether the zoom of the camera changed",
+            "those of others, and lengths that rest on them may be as wrong",
+            "if nothing moved there, check the sensor, and whether the zoom of the camera changed",
         )
     return None
 
@@ -315,14 +316,13 @@ def find_obstacles(
         *(["they are not used as flying heights"] if config.echoes else []),
         *([_HIDDEN] if config.pixels else []),
     ]
-    warning = as_note(
-        about(
-            "obstacles",
-            f"{counted(standing.sum(), 'sonar echo comes', 'sonar echoes come')} from {gamma:.2f} to "
-            f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor, of {measured} that the map can "
-            f"judge{_not_judged(len(sonar.stamps_s) - measured)}; {', and '.join(done)}",
-        )
-    )
+    warning = about(
+        "obstacles",
+        f"{counted(standing.sum(), 'sonar echo comes', 'sonar echoes come')} from {gamma:.2f} to "
+        f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor, of {measured} that the map can "
+        f"judge{_not_judged(len(sonar.stamps_s) - measured)}",
+        f"{', and '.join(done)}",
+    ).as_note()
     cleared = replace(sonar, range_m=np.where(standing & config.echoes, np.nan, sonar.range_m))
     return Obstacles(
         cleared,

@@ -18,7 +18,7 @@ from frontend.tracks import join_tracks
 from slam.core.floor_points import FloorPoints
 from slam.core.heap import trim_heap
 from slam.core.imu_at_rest import GravityReading
-from slam.core.messages import Message
+from slam.core.messages import Message, warning
 from slam.core.progress import Progress
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.calibration.lens import calibrated
@@ -39,15 +39,19 @@ Array = NDArray[np.float64]
 
 _MOST_SELECTIONS = 4
 """Largest number of refinements of one part with other GPS fixes. One suffices in most flights."""
-_NOT_SETTLED = Message(
-    "which GPS fixes and control points agree with the map still changed after "
-    f"{_MOST_SELECTIONS} refinements: those near the limit are uncertain; compare their places in the "
-    "report with the ground"
+_NOT_SETTLED = warning(
+    f"which GPS fixes and control points agree with the map still changed after {_MOST_SELECTIONS} "
+    "refinements: those near the limit are uncertain",
+    "compare their places in the report with the ground",
 )
-_NOT_PLACED = (
-    "{} keyframes have no usable GPS position: they are in coordinates of their own, not on "
-    "Earth; measure within them only"
-)
+
+
+def _not_placed(count: int) -> Message:
+    """Return the warning about a part that no position places."""
+    return warning(
+        f"{count} keyframes have no usable GPS position: they are in coordinates of their own, not on Earth",
+        "measure within them only",
+    )
 
 
 def refine_map(
@@ -179,15 +183,15 @@ class _Evidence:
             setup=base.with_fixes(agreement),
         )
         if aligned is None and readings.positions:
-            placed = replace(placed, warnings=(Message(_NOT_PLACED.format(len(members))),))
+            placed = replace(placed, warnings=(_not_placed(len(members)),))
         try:
             followed = control.rough(base.camera, w_T_b, ranged) & placed.georeferenced
             used = _Used(agreement, followed)
             placed, agreement = self._refined_with_agreeing(base, placed, fixes, control, used)
         except BackendError as error:
-            line = Message(
-                f"the part of the map with {len(members)} keyframes could not be refined: {error}; its "
-                "standard deviations are unknown: do not measure there"
+            line = warning(
+                f"the part of the map with {len(members)} keyframes could not be refined: {error}",
+                "its standard deviations are unknown: do not measure there",
             )
             return replace(placed, warnings=(*placed.warnings, line))
         if not misread_points and (wrong := _misread(placed, control, w_T_b)):
@@ -252,12 +256,12 @@ class _Evidence:
             # The messages follow the fixes that the last refinement used.
             agreement = used
             part = replace(part, warnings=(*part.warnings, _NOT_SETTLED))
-        contradicted = part.inertial.contradiction if part.inertial else ""
+        contradicted = part.inertial.contradiction if part.inertial else None
         warnings = [contradicted] if contradicted else []
         warnings += convergence_warnings(bundle, base.readings)
         part = replace(
             part,
-            warnings=(*part.warnings, *refined.warnings, *map(Message, warnings)),
+            warnings=(*part.warnings, *refined.warnings, *warnings),
             remarks=refined.remarks,
             no_scale=_no_scale(by_inertia, bundle, refined.reasons),
             velocity_left_out=refined.velocity_left_out,

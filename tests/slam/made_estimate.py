@@ -10,7 +10,7 @@ from backend.measurements import LinkCheck, Rejection, RelativePose
 from backend.pose_graph.solution import RangeErrors
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight
-from slam.core.messages import Message, as_reason, joined, recorded
+from slam.core.messages import joined, recorded, warning
 from slam.core.streams import Sonar
 
 REJECTION = Rejection(LinkCheck.OTHER, "12 matches, 30 are needed")
@@ -55,7 +55,7 @@ def made_estimate(count: int = 60, name: str = "made eight", sigma_m: float = 0.
         frames=4 * count,
         rejected={"picture cannot be read": 2, "loop: too few matches": 1},
         timing_s={"track": 1.25, "solve": 0.5},
-        messages=(Message("2 pictures could not be read and were left out"),),
+        messages=(warning("2 pictures could not be read and were left out"),),
         graph_error=12.5,
         iterations=7,
     )
@@ -77,5 +77,5 @@ def _edge(w_T_b: np.ndarray, i: int, j: int, kind: str) -> RelativePose:
 
 def saying(estimate: Estimate, *warnings: str, reasons: tuple[str, ...] = ()) -> Estimate:
     """Return an estimate with these warnings, about what their first words name, and reasons."""
-    named = (as_reason(recorded(text, ())) for text in reasons)
+    named = (recorded(text, ()).as_reason() for text in reasons)
     return replace(estimate, messages=joined(*named, *(recorded(text, ()) for text in warnings)))

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slam.core.messages import about, as_unread
+from slam.core.messages import about, unread
 from slam.evaluation import evaluate
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown, only, seeing
@@ -110,7 +110,7 @@ def test_bad_pictures_are_counted_by_name_and_survived(spoil, reason, count):
 
 def test_a_camera_without_rows_and_one_picture_alone_are_reported_as_such():
     flight = flown(0)
-    told = flight.with_warning(about("cam0", as_unread("data.csv has no rows; treated as not recorded")))
+    told = flight.with_warning(unread("data.csv has no rows", "treated as not recorded").named("cam0"))
     assert "cam0: data.csv has no rows, so no map" in refusal(replace(told, camera=None, frames=None))
     assert "no camera in this flight, so no map" in refusal(replace(flight, camera=None, frames=None))
     alone = only(flight, [0]).with_warning(

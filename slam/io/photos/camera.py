@@ -25,7 +25,7 @@ from slam.core.lens_priors import (
     TANGENTIAL_STD,
     UNKNOWN_FOCAL_STD_RATIO,
 )
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, warning
 from slam.io.photos.exif import PhotoTags
 from slam.io.photos.lens_tags import fitted_lens
 from slam.io.recordings.video.model_lens import film_focal
@@ -56,10 +56,10 @@ _MAX_FOCAL_RATIO = 1.15
 class _Focal:
     px: float
     source: str
-    remark: str
+    remark: tuple[str, ...]
 
 
-def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[Line, ...]]:
+def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[Message, ...]]:
     """Return the camera of all ``photos`` (one model, one size), and the assumptions, one line each."""
     # The median limits the effect of a single damaged tag.
     focals = [_focal(tags) for tags in photos]
@@ -77,13 +77,14 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[Line, ...]]
         radial_std=0.02 if best in ("dewarp", "lens") else NOMINAL_RADIAL_STD,
         tangential_std=TANGENTIAL_STD,
     )
-    distortion = "; no lens distortion assumed, the map estimates it"
+    distortion: tuple[str, ...] = ("no lens distortion assumed, the map estimates it",)
     if best == "dewarp":
-        camera, distortion = _dewarped(camera, tags), ""
+        camera, distortion = _dewarped(camera, tags), ()
     elif best == "lens":
         camera, distortion = _with_lens(camera, tags)
-    line = f"focal length {median.px:.1f} px {median.remark}{distortion}"
-    return camera, (line if median.source == "assumed" or _UNDISTORT in distortion else as_note(line),)
+    first, *others = median.remark
+    said = warning(f"focal length {median.px:.1f} px {first}", *others, *distortion)
+    return camera, (said if median.source == "assumed" or _UNDISTORT in distortion else said.as_note(),)
 
 
 def _focal(tags: PhotoTags) -> _Focal:
@@ -94,18 +95,20 @@ def _focal(tags: PhotoTags) -> _Focal:
         fx, fy = tags.dewarp[:2]
         if 0.9 < fx / max(fy, 1e-9) < 1.1:
             candidates.append(
-                _Focal(fx * scale, "dewarp", f"from the maker's calibration in the tags{scaled}")
+                _Focal(fx * scale, "dewarp", (f"from the maker's calibration in the tags{scaled}",))
             )
     if tags.lens is not None:
         px = tags.lens.focal_px[0] * scale
-        candidates.append(_Focal(px, "lens", f"from the calibration of the lens {tags.lens.source}{scaled}"))
+        candidates.append(
+            _Focal(px, "lens", (f"from the calibration of the lens {tags.lens.source}{scaled}",))
+        )
     if tags.calibrated_focal_px:
         px = tags.calibrated_focal_px * scale
-        candidates.append(_Focal(px, "calibrated", f"from the maker's CalibratedFocalLength{scaled}"))
+        candidates.append(_Focal(px, "calibrated", (f"from the maker's CalibratedFocalLength{scaled}",)))
     film = None
     if tags.focal_35mm:
         px = tags.focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
-        film = _Focal(px, "tags", f"from {tags.focal_35mm:g} mm on 35 mm film (Exif)")
+        film = _Focal(px, "tags", (f"from {tags.focal_35mm:g} mm on 35 mm film (Exif)",))
     is_stale = bool(tags.sensor_px_per_mm) and _sensor_mm(tags) < _LEAST_SENSOR_MM
     if tags.focal_mm and tags.sensor_px_per_mm and not is_stale:
         zoom = tags.digital_zoom or 1.0  # of the pixels alone: the lens stays as it is
@@ -118,22 +121,22 @@ def _focal(tags: PhotoTags) -> _Focal:
             or not _is_plausible(film.px, tags)
             or 1 / _MAX_FOCAL_RATIO < px / film.px < _MAX_FOCAL_RATIO
         ):
-            candidates.append(_Focal(px, "tags", remark))
+            candidates.append(_Focal(px, "tags", (remark,)))
         else:
             # The film value survives any scaling of the picture, the resolution of the sensor does not.
-            film = replace(film, remark=f"{film.remark}; the sensor's resolution would give {px:.0f} px")
+            film = replace(film, remark=(*film.remark, f"the sensor's resolution would give {px:.0f} px"))
     if film is not None:
         candidates.append(film)
     if (of_model := film_focal(tags.model)) is not None:
         film_mm, name = of_model
         px = film_mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
         specified = f"from {film_mm:g} mm on 35 mm film by the specification of the {name}"
-        candidates.append(_Focal(px, "model", specified))
+        candidates.append(_Focal(px, "model", (specified,)))
     none = "no plausible one" if candidates else "none"
     if is_stale:
         none = f"no plausible one (a sensor {_sensor_mm(tags):.1f} mm wide: resized after the flight?)"
-    remark = f"assumed: {ASSUMED_VIEW}; the tags give {none}; copy the originals with their tags"
-    fallback = _Focal(assumed_focal_px(tags.size_px), "assumed", remark)
+    remarks = f"assumed: {ASSUMED_VIEW}", f"the tags give {none}", "copy the originals with their tags"
+    fallback = _Focal(assumed_focal_px(tags.size_px), "assumed", remarks)
     return next((c for c in candidates if _is_plausible(c.px, tags)), fallback)
 
 
@@ -191,8 +194,8 @@ def _dewarped(camera: Camera, tags: PhotoTags) -> Camera:
     )
 
 
-def _with_lens(camera: Camera, tags: PhotoTags) -> tuple[Camera, str]:
-    """Return the camera with the calibration of ``LensTags``, and a remark about its distortion."""
+def _with_lens(camera: Camera, tags: PhotoTags) -> tuple[Camera, tuple[str, ...]]:
+    """Return the camera with the calibration of ``LensTags``, and clauses about its distortion."""
     assert tags.lens is not None
     lens, (scale, _) = tags.lens, _scale(tags)
     (fx, fy), center_px = lens.focal_px, camera.center_px
@@ -203,15 +206,15 @@ def _with_lens(camera: Camera, tags: PhotoTags) -> tuple[Camera, str]:
             center_px = u, v
     camera = replace(camera, focal_px=(fx * scale, fy * scale), center_px=center_px)
     if not lens.polynomial:
-        return replace(camera, distortion=lens.distortion), ""
+        return replace(camera, distortion=lens.distortion), ()
     radius_px = float(np.linalg.norm(camera.corners_px - center_px, axis=1).max())
     found = fitted_lens(lens, radius_px / scale)
     if found is None:
-        remark = f"; the view of its fisheye is too wide: no distortion assumed; {_UNDISTORT}"
-        return replace(camera, radial_std=NOMINAL_RADIAL_STD), remark
+        too_wide = "the view of its fisheye is too wide: no distortion assumed"
+        return replace(camera, radial_std=NOMINAL_RADIAL_STD), (too_wide, _UNDISTORT)
     error_px = found.error * float(np.mean(lens.focal_px)) * scale
     focal_px = fx * scale * found.ratio, fy * scale * found.ratio
     return (
         replace(camera, focal_px=focal_px, distortion=found.distortion, lens="equidistant"),
-        f"; its fisheye is described by OpenCV's fisheye, with errors of up to {error_px:.2g} px",
+        (f"its fisheye is described by OpenCV's fisheye, with errors of up to {error_px:.2g} px",),
     )

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from slam.core.errors import InputError
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note, parsed, warning
 from slam.io.files import brief, read_text, shown
 from slam.io.photos.camera import stored_over_original
 from slam.io.photos.exif import PhotoTags
@@ -41,30 +41,34 @@ _NO_MODEL = "unknown"
 
 def with_camera_models(
     photos: Sequence[Photo], folder: Path, beside: Sequence[Path]
-) -> tuple[list[Photo], list[Path], tuple[Line, ...]]:
+) -> tuple[list[Photo], list[Path], tuple[Message, ...]]:
     """Return photographs with the lens of a file, the other files ``beside`` them, and lines about it.
 
     A calibration of the maker in the tags is preferred.
     """
-    photos, remarks, source = list(photos), list[Line](), "the tags have"
+    photos, remarks, source = list(photos), list[Message](), "the tags have"
     files = [path for path in beside if path.name in NAMES]
     for path in sorted(files, key=lambda path: NAMES.index(path.name)):
         name = shown(str(path.relative_to(folder)))
         try:
             cameras = _cameras(path, folder)
         except InputError as refused:
-            remarks.append(f"{str(refused).removeprefix(f'{folder}/')}; its lenses are not used")
+            remarks.append(
+                parsed(str(refused).removeprefix(f"{folder}/")).extended("its lenses are not used")
+            )
             continue
         if all(_has_calibration(photo) for photo in photos):
-            remarks.append(as_note(f"{name} is not used: {source} a calibration of the lens"))
+            remarks.append(note(f"{name} is not used: {source} a calibration of the lens"))
             continue
         tags = photos[0].tags
         lens = next((lens for key, camera in cameras if (lens := _lens(key, camera, tags, name))), None)
         if lens is None:
             keys = brief(", ".join(key for key, _ in cameras), 120)
             remarks.append(
-                f"{name} has no calibrated lens of the {tags.model or 'camera'} with pictures of "
-                f"{tags.size_px[0]} x {tags.size_px[1]} px ({keys}): it is not used"
+                warning(
+                    f"{name} has no calibrated lens of the {tags.model or 'camera'} with pictures of "
+                    f"{tags.size_px[0]} x {tags.size_px[1]} px ({keys}): it is not used"
+                )
             )
             continue
         source = f"{name} has"

@@ -16,7 +16,7 @@ from backend.wording import counted, either
 from slam.core.errors import InputError
 from slam.core.geodesy import position_fault
 from slam.core.height_systems import UNKNOWN
-from slam.core.messages import Line, about, as_note
+from slam.core.messages import Message, note, parsed, warning
 from slam.core.names import listed
 from slam.core.streams import Gps
 from slam.io.files import brief, read_text, shown
@@ -48,12 +48,12 @@ the ground and up [m]; NaN for what is not told."""
 
 def with_geotags(
     photos: Sequence[Photo], folder: Path, beside: Sequence[Path]
-) -> tuple[list[Photo], tuple[Line, ...]]:
+) -> tuple[list[Photo], tuple[Message, ...]]:
     """Return photographs with the positions of the first table of them, and lines about the texts ``beside``.
 
     A photograph that the table does not name keeps the position of its tags.
     """
-    remarks: list[Line] = []
+    remarks: list[Message] = []
     photos, unread, is_found = list(photos), [], False
     for path in beside:
         if path.name == FILE_NAME and path.parent == folder:
@@ -65,21 +65,26 @@ def with_geotags(
             try:
                 geotags, faults = _geotags(path, layout)
             except InputError as refused:
-                remarks.append(f"{str(refused).removeprefix(f'{folder}/')}; its positions are not used")
+                remarks.append(
+                    parsed(str(refused).removeprefix(f"{folder}/")).extended("its positions are not used")
+                )
                 continue
             is_found = True
             photos, notes = _placed(photos, folder, name, geotags)
-            remarks += [*notes, *(about(name, fault) for fault in faults)]
+            remarks += [*notes, *(fault.named(name) for fault in faults)]
         elif known & set(TIMES):
-            remarks.append(f"{name} tells times of pictures and is not read here: give it itself, {path}")
+            remarks.append(
+                warning(f"{name} tells times of pictures and is not read here: give it itself, {path}")
+            )
         else:
             unread.append(name)
     if unread:
         remarks.append(
-            as_note(
+            note(
                 f"{counted(len(unread), 'file')} beside the photographs {either(len(unread), 'is', 'are')} "
                 f"not read ({listed(unread)}): positions come from tags, or a table with the titles "
-                f"filename, latitude, longitude, altitude [m]; control points from {FILE_NAME}"
+                f"filename, latitude, longitude, altitude [m]",
+                f"control points from {FILE_NAME}",
             )
         )
     return photos, tuple(remarks)
@@ -93,7 +98,7 @@ def _layout(path: Path, folder: Path) -> Layout | None:
         return None
 
 
-def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[Line, ...]]:
+def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[Message, ...]]:
     """Return the positions of a table, and lines about its faults.
 
     Raises ``InputError`` for a unit that is not known.
@@ -109,9 +114,9 @@ def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[Line, ...]]:
         name: numbers(layout, found[name], mark) if name in found else (none, [])
         for name in (*_PLACE, "altitude", "along", "up")
     }
-    faults: list[Line] = [line for _, lines in read.values() for line in lines]
+    faults: list[Message] = [line for _, lines in read.values() for line in lines]
     if unread:
-        faults.append(as_note(f"columns that are not read: {listed(unread)}"))
+        faults.append(note(f"columns that are not read: {listed(unread)}"))
     geotags, refused = {}, []
     values = np.column_stack([column for column, _ in read.values()])
     for name, row in zip(text_of(layout, found["picture"]), values.tolist(), strict=True):
@@ -120,13 +125,13 @@ def _geotags(path: Path, layout: Layout) -> tuple[_Geotags, tuple[Line, ...]]:
         elif np.isfinite(row[:2]).all():
             geotags[name] = tuple(row)
     if refused:
-        faults.append(f"{counted(len(refused), 'position')} not used ({listed(refused)})")
+        faults.append(warning(f"{counted(len(refused), 'position')} not used ({listed(refused)})"))
     return geotags, tuple(faults)
 
 
 def _placed(
     photos: Sequence[Photo], folder: Path, name: str, geotags: _Geotags
-) -> tuple[list[Photo], list[Line]]:
+) -> tuple[list[Photo], list[Message]]:
     """Return photographs with the positions of a table, and lines about it."""
     matches = PictureNames.of([photo.name for photo in photos]).matched(geotags, folder.name)
     geotag_of = {picture: geotags[written] for written, picture in matches.picture.items()}
@@ -140,26 +145,34 @@ def _placed(
             photo = _at(photo, geotag)
         placed.append(photo)
     placed = _with_own_accuracy(placed, is_moved)
-    remarks: list[Line] = [
-        as_note(f"positions of {len(geotag_of)} of {len(photos)} photographs are those of {name}")
+    remarks: list[Message] = [
+        note(f"positions of {len(geotag_of)} of {len(photos)} photographs are those of {name}")
     ]
     if far:
         remarks.append(
-            f"{name} puts {counted(len(far), 'photograph')} up to {max(far)[0] / 1e3:.0f} km from the places "
-            f"in their tags ({listed([photo for _, photo in far])}): check signs, order and datum of its "
-            "coordinates"
+            warning(
+                f"{name} puts {counted(len(far), 'photograph')} up to {max(far)[0] / 1e3:.0f} km from the "
+                f"places in their tags ({listed([photo for _, photo in far])}): check signs, order and "
+                "datum of its coordinates"
+            )
         )
     several = [*matches.ambiguous, *matches.unclear]
     if several:
         remarks.append(
-            f"{name} has positions of {counted(len(several), 'name')} that may be of several photographs, "
-            "and none of these is used "
-            f"({listed([brief(each, 40) for each in several])}); write the folders too"
+            warning(
+                f"{name} has positions of {counted(len(several), 'name')} that may be of several "
+                "photographs, and none of these is used "
+                f"({listed([brief(each, 40) for each in several])})",
+                "write the folders too",
+            )
         )
     if matches.unknown:
         names = listed([brief(each, 40) for each in sorted(matches.unknown)])
         remarks.append(
-            f"{name} has positions of {counted(len(matches.unknown), 'file')} that are none of them ({names})"
+            warning(
+                f"{name} has positions of {counted(len(matches.unknown), 'file')} that are none of them "
+                f"({names})"
+            )
         )
     return placed, remarks
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted
 from slam.core.flight import Flight
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note, warning
 from slam.core.names import listed
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
@@ -99,7 +99,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
     return with_own_points(flight, folder)
 
 
-def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.int64], tuple[Line, ...]]:
+def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.int64], tuple[Message, ...]]:
     """Return the photographs by time, strictly increasing stamps on one clock [ns], and the assumptions."""
     zones_known = all(photo.tags.utc_offset_ns is not None for photo in photos)
     camera = [
@@ -112,13 +112,14 @@ def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.
     for times, remark in (
         (
             camera,
-            ""
+            None
             if zones_known
-            else as_note(
-                "times from the camera's clock, time zone unknown, UTC assumed; the map does not depend on it"
+            else note(
+                "times from the camera's clock, time zone unknown, UTC assumed",
+                "the map does not depend on it",
             ),
         ),
-        (satellite, as_note("times from the satellites' clock")),
+        (satellite, note("times from the satellites' clock")),
     ):
         known = [time for time in times if time is not None]
         if len(known) == len(photos) and (len(set(known)) > 1 or len(photos) == 1):
@@ -127,12 +128,12 @@ def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.
             stamps = np.array([known[k] for k in order], dtype=np.int64)
             increasing, equal_count = _make_increasing(stamps)
             equal = (
-                (as_note(f"{equal_count} equal time stamps spread evenly, in the order of the names"),)
+                (note(f"{equal_count} equal time stamps spread evenly, in the order of the names"),)
                 if equal_count
                 else ()
             )
-            return [photos[k] for k in order], increasing, (remark,) * bool(remark) + equal
-    remark = as_note("no time of its own in every photograph: the order of the names, 1 s apart, assumed")
+            return [photos[k] for k in order], increasing, (() if remark is None else (remark,)) + equal
+    remark = note("no time of its own in every photograph: the order of the names, 1 s apart, assumed")
     return photos, np.arange(len(photos), dtype=np.int64) * _SECOND_NS, (remark,)
 
 
@@ -171,41 +172,47 @@ def _heights_above_takeoff(tags: Sequence[PhotoTags], stamps_s: Array) -> Scalar
     )
 
 
-def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[Line, ...]]:
+def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[Message, ...]]:
     paths = tuple(photo.path for photo in photos)
-    notes: list[Line] = [*transparent_pixels(paths)]
+    notes: list[Message] = [*transparent_pixels(paths)]
     files = PictureFiles(paths, photos[0].tags.size_px, common_levels(paths, notes))
     return Frames(stamps_s, tuple(photo.name for photo in photos), files, files.failures), tuple(notes)
 
 
-def _several_cameras(tags: Sequence[PhotoTags]) -> tuple[str, ...]:
+def _several_cameras(tags: Sequence[PhotoTags]) -> tuple[Message, ...]:
     """Return a remark where serial numbers tell several cameras of the model, whose lenses differ."""
     serials = Counter(t.serial for t in tags if t.serial)
     if len(serials) < 2:
         return ()
     each = listed([f"{count} of {brief(serial, 40)}" for serial, count in serials.most_common()])
     return (
-        f"photographs of {len(serials)} cameras of one model by their serial numbers ({each}): one lens is "
-        "estimated for all, and focal lengths of one model differ by a percent or so, which heights follow; "
-        "map those of each camera alone",
+        warning(
+            f"photographs of {len(serials)} cameras of one model by their serial numbers ({each}): one "
+            "lens is estimated for all, and focal lengths of one model differ by a percent or so, which "
+            "heights follow",
+            "map those of each camera alone",
+        ),
     )
 
 
-def _turned(tags: Sequence[PhotoTags]) -> tuple[Line, ...]:
+def _turned(tags: Sequence[PhotoTags]) -> tuple[Message, ...]:
     turned = sum(t.is_turned for t in tags)
     line = (
         f"{counted(turned, 'photograph has', 'photographs have')} an Exif orientation, by which viewers turn "
         "them: pixels, such as those of control points, are those of the pictures as they are stored"
     )
-    return (as_note(line),) if turned else ()
+    return (note(line),) if turned else ()
 
 
-def _damaged_tags(tags: Sequence[PhotoTags]) -> tuple[str, ...]:
+def _damaged_tags(tags: Sequence[PhotoTags]) -> tuple[Message, ...]:
     damaged = sum(t.xmp_damaged for t in tags)
     return (
         (
-            f"{counted(damaged, 'photograph has', 'photographs have')} XMP tags that cannot be read, "
-            "ignored; copy the originals",
+            warning(
+                f"{counted(damaged, 'photograph has', 'photographs have')} XMP tags that cannot be read, "
+                "ignored",
+                "copy the originals",
+            ),
         )
         if damaged
         else ()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted
 from slam.core.errors import InputError
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note, parsed, warning
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG
@@ -76,7 +76,7 @@ class PhotoSet:
 
     photos: tuple[Photo, ...]
     attitude: AttitudeSource | None
-    remarks: tuple[Line, ...]
+    remarks: tuple[Message, ...]
     """One line for each reason to leave photographs out, and for each assumption."""
     beside: tuple[Path, ...] = ()
     """Texts in the folder that may tell something about the photographs."""
@@ -96,33 +96,32 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
     photos = _of_one_camera(photos, left_out)
     total = len(found.photos) + sum(map(len, found.left_out.values()))
     lines = tuple(
-        f"{len(names)} of {total} photographs left out: {reason} ({listed(names)})"
+        parsed(f"{len(names)} of {total} photographs left out: {reason} ({listed(names)})")
         for reason, names in sorted(left_out.items())
     )
     if not photos:
         raise refusal(
-            folder, f"no photograph in it can be used: {'; '.join(lines)}", "repair or replace them"
+            folder, f"no photograph in it can be used: {'; '.join(map(str, lines))}", "repair or replace them"
         )
     leaning = [photo.w_R_b for photo in photos if photo.w_R_b is not None]
     without = len(photos) - len(leaning)
     faults = unused_tags(
         "attitude", [(photo.name, photo.tags.attitude_faults) for photo in photos if photo.w_R_b is None]
     )
-    attitude: Line
     if source is None or without == len(photos):
-        attitude = (
-            f"no attitude {'can be used' if faults else 'recorded'}: straight down assumed; use a gimbal, "
-            "as a tilted camera bends the map"
+        said = warning(
+            f"no attitude {'can be used' if faults else 'recorded'}: straight down assumed",
+            "use a gimbal, as a tilted camera bends the map",
         )
     else:
         source = source.at_tilts(leaning)
         roll, pitch, yaw = source.std_deg
         good = f"{max(roll, pitch):.2g} degrees and the heading to {yaw:.2g}"
-        attitude = f"attitude from {source.description}, assumed to be good to {good}"
-        attitude = as_note(
-            f"{attitude}; {counted(without, 'photograph')} without it" if without else attitude
+        said = note(
+            f"attitude from {source.description}, assumed to be good to {good}",
+            f"{counted(without, 'photograph')} without it" if without else "",
         )
-    remarks = (*found.remarks, *lines, *band_remarks, *faults, attitude)
+    remarks = (*found.remarks, *lines, *band_remarks, *faults, said)
     return PhotoSet(tuple(photos), source, remarks, found.beside)
 
 
@@ -147,7 +146,7 @@ def _read(
 
 def _of_one_band(
     photos: Sequence[Photo], wanted: str | None, left_out: dict[str, list[str]]
-) -> tuple[list[Photo], tuple[Line, ...]]:
+) -> tuple[list[Photo], tuple[Message, ...]]:
     """Return the photographs of one band, and a remark if there are several."""
     if not photos:
         return [], ()
@@ -158,7 +157,7 @@ def _of_one_band(
             left_out[f"another band, {band}"].append(photo.name)
     others = sorted(set(bands) - {chosen})
     used = chosen if chosen.startswith("band ") else f"band {chosen}"
-    remark = f"{used} is used; slam import --band reads another: {', '.join(others)}"
+    remark = warning(f"{used} is used", f"slam import --band reads another: {', '.join(others)}")
     return [p for p, b in zip(photos, bands, strict=True) if b == chosen], (remark,) * bool(others)
 
 

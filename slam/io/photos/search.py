@@ -11,6 +11,7 @@ from hashlib import blake2b
 from pathlib import Path
 
 from backend.wording import counted, either
+from slam.core.messages import Message, warning
 from slam.core.names import listed
 from slam.io.files import OUTPUT_MARKER, is_inside, refusal, shown
 
@@ -43,7 +44,7 @@ class FoundPhotos:
     """Name and path of each, in the natural order of the names."""
     left_out: dict[str, list[str]]
     """Reason -> names of files that are not used."""
-    remarks: tuple[str, ...]
+    remarks: tuple[Message, ...]
     beside: tuple[Path, ...] = ()
     """Texts in the folder and its subfolders that may tell something about the photographs."""
 
@@ -87,12 +88,16 @@ def find_photos(folder: Path) -> FoundPhotos:
             photos.append((name, path))
             below += len(inner.parts) > 1
     remarks = (
-        [f"{below} of {len(photos)} photographs {either(below, 'is', 'are')} in subfolders"] if below else []
+        [warning(f"{below} of {len(photos)} photographs {either(below, 'is', 'are')} in subfolders")]
+        if below
+        else []
     )
     if links:
         remarks.append(
-            f"{counted(len(links), 'link to a folder is', 'links to folders are')} not followed; "
-            f"{_LINK_ADVICE} ({listed(links)})"
+            warning(
+                f"{counted(len(links), 'link to a folder is', 'links to folders are')} not followed",
+                f"{_LINK_ADVICE} ({listed(links)})",
+            )
         )
     beside = tuple(path for path in files if _suffix(path) in BESIDE and is_inside(path, folder))
     return FoundPhotos(tuple(photos), left_out, tuple(remarks), beside)

@@ -20,7 +20,7 @@ from backend.wording import counted
 from slam.core.errors import InputError
 from slam.core.geodesy import position_fault
 from slam.core.height_systems import ELLIPSOID
-from slam.core.messages import Line, Message, as_note
+from slam.core.messages import Message, note, parsed, warning
 from slam.core.names import listed
 from slam.io.files import read_text, shown
 from slam.io.photos.photo_set import Photo
@@ -76,25 +76,27 @@ class _MarkFile:
 
 def with_marks(
     photos: Sequence[Photo], folder: Path, beside: Sequence[Path]
-) -> tuple[list[Photo], list[Path], tuple[Line, ...]]:
+) -> tuple[list[Photo], list[Path], tuple[Message, ...]]:
     """Return photographs with the places of files, the other files ``beside`` them, and lines about these.
 
     A photograph has the mark of its number in a file of its folder, unless its tags lie elsewhere. The
     numbers of several flights in one folder begin at 1 each: there the names of the files tell which
     photographs are theirs, or else the places do.
     """
-    files, remarks = list[_MarkFile](), list[Line]()
+    files, remarks = list[_MarkFile](), list[Message]()
     for path in (path for path in beside if path.suffix.lower() == SUFFIX):
         name = shown(str(path.relative_to(folder)))
         try:
             marks, unread = _marks(path, folder)
         except InputError as refused:
-            remarks.append(f"{str(refused).removeprefix(f'{folder}/')}; its places are not used")
+            remarks.append(
+                parsed(str(refused).removeprefix(f"{folder}/")).extended("its places are not used")
+            )
             continue
         files.append(_MarkFile(path, name, marks))
         if unread:
             remarks.append(
-                f"{name}: {counted(unread, 'line')} cannot be read, and {unread} places are missing"
+                warning(f"{name}: {counted(unread, 'line')} cannot be read, and {unread} places are missing")
             )
     placed, used = list(photos), dict[str, list[tuple[PhotoPosition, _Mark]]]()
     elsewhere, ambiguous = dict[str, list[str]](), dict[str, list[str]]()
@@ -113,13 +115,19 @@ def with_marks(
             reason = ambiguous if near else elsewhere
             reason.setdefault(listed([file.name for file in near or own]), []).append(photo.name)
     remarks += [
-        f"{names}: the marks of {counted(len(of), 'photograph')} lie elsewhere than the places in their tags "
-        f"and are not used ({listed(of)}); are they of another flight?"
+        warning(
+            f"{names}: the marks of {counted(len(of), 'photograph')} lie elsewhere than the places in "
+            f"their tags and are not used ({listed(of)})",
+            "are they of another flight?",
+        )
         for names, of in elsewhere.items()
     ]
     remarks += [
-        f"{names}: each has a mark that may be of {counted(len(of), 'photograph')} ({listed(of)}), and none "
-        "of these is used; put each flight into a folder of its own"
+        warning(
+            f"{names}: each has a mark that may be of {counted(len(of), 'photograph')} ({listed(of)}), "
+            "and none of these is used",
+            "put each flight into a folder of its own",
+        )
         for names, of in ambiguous.items()
     ]
     remarks += [_about(name, found, len(photos)) for name, found in used.items()]
@@ -185,8 +193,8 @@ def _about(name: str, found: Sequence[tuple[PhotoPosition, _Mark]], total: int) 
     offset_m = float(np.mean([np.linalg.norm(mark.offset_m) for _, mark in found]))
     known = [(tags, mark) for tags, mark in found if tags.is_known]
     apart_m = max((tags.apart_m(mark.latitude_deg, mark.longitude_deg) for tags, mark in known), default=0.0)
-    beside = f"; those in the tags differ by up to {apart_m:.2g} m along the ground" if known else ""
-    return as_note(
+    beside = f"those in the tags differ by up to {apart_m:.2g} m along the ground" if known else ""
+    return note(
         f"places of {len(found)} of {total} photographs, with their accuracies, are those of {name}: of the "
         f"camera, {offset_m:.2g} m from the antenna on average{beside}"
     )

@@ -7,10 +7,11 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 from backend.wording import counted
+from slam.core.messages import Message, parsed
 from slam.core.names import listed
 
 
-def unused_tags(what: str, faults: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
+def unused_tags(what: str, faults: Sequence[tuple[str, Sequence[str]]]) -> list[Message]:
     """Return one line for each kind of fault of tags of position or attitude, with its photographs.
 
     ``faults`` has the name of each photograph and the reasons for which its tags are not used. Reasons that
@@ -24,5 +25,6 @@ def unused_tags(what: str, faults: Sequence[tuple[str, Sequence[str]]]) -> list[
     for those in found.values():
         example = those[0][1] + (" (the first)" if len({reason for _, reason in those}) > 1 else "")
         names = listed([name for name, _ in those])
-        lines.append(f"{what} tags not used in {counted(len(those), 'photograph')}: {example} ({names})")
+        where = counted(len(those), "photograph")
+        lines.append(parsed(f"{what} tags not used in {where}: {example} ({names})"))
     return lines

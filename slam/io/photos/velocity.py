@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from backend.measurements.straight_flight import straight_velocities
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note
 from slam.core.streams import Gps
 from slam.io.photos.photo_set import Photo
 
@@ -23,7 +23,7 @@ is always 0, have 1.4."""
 
 def photo_velocities(
     photos: Sequence[Photo], gps: Gps | None, stamps_s: Array
-) -> tuple[Array | None, tuple[Line, ...]]:
+) -> tuple[Array | None, tuple[Message, ...]]:
     """Return velocities (n, 3) east, north and up of photographs at ``stamps_s`` (n,), NaN where a tag lacks,
     and remarks; None where no tag is usable. Where positions tell nothing, the tags are not used either.
     """
@@ -49,4 +49,4 @@ def photo_velocities(
         f"FlightXSpeed and FlightYSpeed contradict the positions by {off:.2g} m/s at {typical:.2g} m/s: the "
         "velocity comes from the positions"
     )
-    return None, (as_note(line),)
+    return None, (note(line),)

@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 
 from slam.core.errors import InputError
 from slam.core.flight import Flight
-from slam.core.messages import Line, as_message
+from slam.core.messages import Message, parsed
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.files import brief, refusal
@@ -45,12 +45,12 @@ class Unpacked:
 
     source: Path
     """A flight, a recording, or a folder of photographs."""
-    warnings: tuple[Line, ...] = ()
+    warnings: tuple[Message, ...] = ()
     """A line for each damaged recording beside it."""
 
     def warned(self, flight: Flight) -> Flight:
         """Return the flight of the source with the warnings of the archive."""
-        return replace(flight, messages=(*map(as_message, self.warnings), *flight.messages))
+        return replace(flight, messages=(*self.warnings, *flight.messages))
 
 
 def unpacked(path: Path, progress: Progress, is_inner: bool = False) -> Unpacked:
@@ -120,7 +120,7 @@ def _source_in(folder: Path, archive: Path, progress: Progress, is_inner: bool =
             f"holds {len(found)} recordings ({names})",
             "unpack it and name one of them, or give those of one flight to slam import",
         )
-    lines = tuple(f"{archive.name} holds {str(fault).removeprefix(f'{folder}/')}" for fault in faults)
+    lines = tuple(parsed(f"{archive.name} holds {str(fault).removeprefix(f'{folder}/')}") for fault in faults)
     if found:
         return Unpacked(found[0], lines)
     if holds_photos(folder) or any(folder.rglob("mav0")):

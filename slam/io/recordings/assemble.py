@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from slam.core.flight import Flight
-from slam.core.messages import Line, about, as_message, as_unread
+from slam.core.messages import Message, unread, warning
 from slam.core.progress import Progress, silent
 from slam.core.stream_source import NO_STREAM, StreamSource
 from slam.core.streams import Frames
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, check_limits
-from slam.io.files import brief
+from slam.io.files import brief, brief_message
 from slam.io.plausibility import check_stamp_unit, check_stamps_agree
 from slam.io.recorded_pictures import RecordedPictures
 from slam.io.recordings.camera_views import judged
@@ -40,8 +40,8 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
     content = replace(content, pictures=known.mounted(camera, content.pictures))
     warnings = [*content.warnings, *known.remarks(camera)]
 
-    def note(folder: str, notes: Iterable[Line]) -> None:
-        warnings.extend(about(folder, line) for line in notes)
+    def note(folder: str, notes: Iterable[Message]) -> None:
+        warnings.extend(line.named(folder) for line in notes)
 
     tables = _tables(recording, chosen, content)
     sensors = {name: _sensor(recording, name, content) for name in tables}
@@ -50,7 +50,7 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
         check_stamp_unit(table, sensors[name], notes)
         note(name, notes)
     for name in [name for name, table in tables.items() if _is_empty(table)]:
-        note(name, [as_unread("no message has a value; treated as not recorded; check that it was on")])
+        note(name, [unread("no message has a value", "treated as not recorded", "check that it was on")])
         del tables[name]
     check_stamps_agree(tables)
     recorded = dict(tables)
@@ -67,7 +67,7 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
         name=brief(recording.name, 120),
         epoch_ns=epoch_ns,
         notes=dict(content.metadata),
-        messages=tuple(replace(as_message(line), text=brief(line, 600)) for line in warnings),
+        messages=tuple(map(brief_message, warnings)),
         sources=(*_taken(chosen, recorded), *_left(recording, chosen)),
         **fields,
     )
@@ -102,12 +102,14 @@ def _with_values(
         recording = replace(recording, offers=offers)
 
 
-def _thinned(table: CsvTable, rate_hz: float, note: Callable[[str, list[Line]], None]) -> CsvTable:
+def _thinned(table: CsvTable, rate_hz: float, note: Callable[[str, list[Message]], None]) -> CsvTable:
     """Return the pictures that come first after each multiple of 1 / ``rate_hz``."""
     slots = np.floor((table.stamps_ns - table.stamps_ns.min()) * (rate_hz * 1e-9) + 1e-6)
     keep = np.sort(np.unique(slots, return_index=True)[1])
     if len(keep) < len(slots):
-        note("cam0", [f"{len(keep)} of {len(slots)} pictures are used, at most {rate_hz:g} a second"])
+        note(
+            "cam0", [warning(f"{len(keep)} of {len(slots)} pictures are used, at most {rate_hz:g} a second")]
+        )
     return table.rows(keep, table.stamps_ns[keep])
 
 

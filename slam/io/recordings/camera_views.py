@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.core.messages import Line, about
+from slam.core.messages import Message, about, warning
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG, NOSE_AT_TOP, Look, axis_tilt_deg, tilt_remark
@@ -68,7 +68,7 @@ class Judged:
     views: Mapping[str, CameraLook]
     """Channel -> what its pictures tell; empty where nothing was in question."""
 
-    def remarks(self, channel: str | None) -> list[Line]:
+    def remarks(self, channel: str | None) -> list[Message]:
         """Return a warning about the chosen camera where it may be the wrong one."""
         if channel is None or channel not in self.views:
             return []
@@ -76,14 +76,14 @@ class Judged:
         if view.look == Look.DOWN:
             return []
         if view.look == Look.ASIDE:
-            return [about("cam0", f"by its pictures it {tilt_remark(view.tilt_deg)}")]
+            return [tilt_remark(view.tilt_deg).prefixed("by its pictures it").named("cam0")]
         others = [name for name, other in self.views.items() if other is not view and other.look == view.look]
         open_ = f"which of {channel} and {listed(others, 4)} looks" if others else f"whether {channel} looks"
         return [
             about(
                 "cam0",
-                f"neither a transform, a name nor the pictures tell {open_} down; {channel} is taken: name "
-                "another one by --topic cam0=CHANNEL, or record /tf_static",
+                f"neither a transform, a name nor the pictures tell {open_} down",
+                f"{channel} is taken: name another one by --topic cam0=CHANNEL, or record /tf_static",
             )
         ]
 
@@ -94,9 +94,10 @@ class Judged:
         if pictures is None or view is None or not view.quarter_turns:
             return pictures
         side = {1: "left", -1: "right", 2: "rear"}[view.quarter_turns]
-        line = (
+        line = warning(
             f"no fixed transform to the body: by its turns the top of its pictures is at the {side} of the "
-            "vehicle, and its mount is taken so; record /tf_static to have it exactly"
+            "vehicle, and its mount is taken so",
+            "record /tf_static to have it exactly",
         )
         b_T_c = NADIR_B_T_C.copy()
         b_T_c[:2] = np.linalg.matrix_power(_LEFT, view.quarter_turns % 4) @ b_T_c[:2]

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slam.core.messages import warning
 from slam.core.progress import Progress
 from slam.io.files import check_inside, read_text, refusal
 from slam.io.recordings.picture_list import assumed_camera, listed_pictures
@@ -19,7 +20,7 @@ from slam.io.recordings.recording import Content, Offer, Recording
 
 _MAX_BYTES = 1 << 28
 _STEP_NS = 10**9
-_NOTE = "the list has no times: one picture a second assumed"
+_NOTE = warning("the list has no times: one picture a second assumed")
 
 
 def open_recording(path: Path) -> Recording:

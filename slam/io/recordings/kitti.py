@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from slam.core.messages import Message, warning
 from slam.core.progress import Progress
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import brief, check_inside, read_text, refusal
@@ -49,8 +50,8 @@ def open_recording(path: Path) -> Recording:
         names = pictures[camera]
         count = min(len(names), len(stamps_ns))
         differ = f"{camera} has {len(names)} pictures, {TIMES_NAME} {len(stamps_ns)} times"
-        do = f"the first {count} are used; check that both are complete"
-        notes = (f"{differ}: {do}",) * (len(names) != len(stamps_ns))
+        said = warning(f"{differ}: the first {count} are used", "check that both are complete")
+        notes = (said,) * (len(names) != len(stamps_ns))
         lens = partial(_camera, path, camera)
         return Content(
             pictures=listed_pictures(path / TIMES_NAME, stamps_ns[:count], names[:count], lens, notes)
@@ -92,7 +93,7 @@ def _names(folder: Path, camera: str) -> tuple[str, ...]:
     return tuple(f"{camera}/{name}" for name in names)
 
 
-def _camera(folder: Path, name: str, size_px: tuple[int, int]) -> tuple[Camera, str]:
+def _camera(folder: Path, name: str, size_px: tuple[int, int]) -> tuple[Camera, Message]:
     """Return the camera of a folder of pictures by its projection, else an assumed one; and a note."""
     path = folder / CALIBRATION_NAME
     key = f"P{name.rpartition('_')[2]}:"
@@ -109,5 +110,6 @@ def _camera(folder: Path, name: str, size_px: tuple[int, int]) -> tuple[Camera, 
                 path, f"has no projection of 12 numbers for {key}", "correct it, or remove it", number
             )
         camera = Camera((values[0], values[5]), (values[2], values[6]), size_px)
-        return camera, f"lens of {CALIBRATION_NAME}, {key[:-1]}: rectified pictures, without distortion"
+        said = f"lens of {CALIBRATION_NAME}, {key[:-1]}: rectified pictures, without distortion"
+        return camera, warning(said)
     return assumed_camera(size_px)

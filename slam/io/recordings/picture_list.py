@@ -10,22 +10,24 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.core.lens_priors import UNKNOWN_FOCAL_STD_RATIO
-from slam.core.messages import Line
+from slam.core.messages import Message, warning
 from slam.core.streams import Image
 from slam.io.files import read_bytes, refusal
 from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px
 from slam.io.picture_headers import MAX_BYTES, UnreadableImageError, image_size
 from slam.io.recordings.recording import PictureChannel
 
-MOUNT_NOTE = "looking straight down with the nose at the top assumed; run slam import to correct T_BS"
+MOUNT_NOTE = warning(
+    "looking straight down with the nose at the top assumed", "run slam import to correct T_BS"
+)
 
 
 def listed_pictures(
     path: Path,
     stamps_ns: NDArray[np.int64],
     names: tuple[str, ...],
-    camera_of: Callable[[tuple[int, int]], tuple[Camera, str]],
-    notes: tuple[Line, ...] = (),
+    camera_of: Callable[[tuple[int, int]], tuple[Camera, Message]],
+    notes: tuple[Message, ...] = (),
 ) -> PictureChannel:
     """Return the pictures that the list at ``path`` names, relative to its folder.
 
@@ -50,7 +52,7 @@ def listed_pictures(
     )
 
 
-def assumed_camera(size_px: tuple[int, int]) -> tuple[Camera, str]:
+def assumed_camera(size_px: tuple[int, int]) -> tuple[Camera, Message]:
     """Return a camera with the usual view, and a note that says so."""
     width, height = size_px
     focal_px = assumed_focal_px(size_px)
@@ -60,7 +62,7 @@ def assumed_camera(size_px: tuple[int, int]) -> tuple[Camera, str]:
         size_px=size_px,
         focal_std_ratio=UNKNOWN_FOCAL_STD_RATIO,
     )
-    return camera, f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}; calibrate the camera"
+    return camera, warning(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}", "calibrate the camera")
 
 
 def _size(path: Path, names: tuple[str, ...]) -> tuple[int, int]:

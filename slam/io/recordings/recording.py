@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.core.messages import Line
+from slam.core.messages import Message
 from slam.core.progress import Progress
 from slam.core.streams import Image
 from slam.io.down_looking import Look
@@ -67,7 +67,7 @@ class StreamReadings:
     """(n, c) in the order of ``COLUMNS``, of which the last may be absent; NaN where missing."""
     nominal: Mapping[str, Value] = field(default_factory=dict)
     """Keys of ``sensor.yaml`` that the recording states."""
-    notes: tuple[Line, ...] = ()
+    notes: tuple[Message, ...] = ()
     """One line for everything that was dropped or assumed."""
 
 
@@ -85,7 +85,7 @@ class PictureChannel:
     camera: Camera
     picture_format: str = "png"
     """Format in which pixels are written into a flight folder: "png" or "jpg"."""
-    notes: tuple[Line, ...] = ()
+    notes: tuple[Message, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Content:
     readings: Mapping[str, StreamReadings] = field(default_factory=dict)
     """Folder of the stream -> its readings."""
     pictures: PictureChannel | None = None
-    warnings: tuple[Line, ...] = ()
+    warnings: tuple[Message, ...] = ()
     """Damage and assumptions that concern more than one stream."""
     metadata: Mapping[str, str] = field(default_factory=dict)
     """Notes of ``flight.yaml``: vehicle, date and the like."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import NADIR_B_T_C, Camera
+from slam.core.messages import Message, warning
 from slam.core.progress import Progress
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import brief, check_inside, read_bytes, refusal
@@ -126,9 +127,10 @@ def _truth(folder: Path) -> StreamReadings:
     return StreamReadings(np.array(stamps, dtype=np.int64), values)
 
 
-def _camera(folder: Path, size_px: tuple[int, int]) -> tuple[Camera, str]:
+def _camera(folder: Path, size_px: tuple[int, int]) -> tuple[Camera, Message]:
     name = next((word for word in _CALIBRATIONS if word in folder.resolve().name.lower()), None)
     if name is not None and size_px == (640, 480):
         fx, fy, cx, cy, distortion = _CALIBRATIONS[name]
-        return Camera((fx, fy), (cx, cy), size_px, distortion), f"lens of {name}, as its benchmark states it"
+        said = warning(f"lens of {name}, as its benchmark states it")
+        return Camera((fx, fy), (cx, cy), size_px, distortion), said
     return assumed_camera(size_px)

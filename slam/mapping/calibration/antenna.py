@@ -9,7 +9,7 @@ from backend.bundle.refinement import Bundle
 from backend.significance import SURE_SIGMAS
 from backend.triple import triple
 from slam.core.instrument_errors import AntennaPlace
-from slam.core.messages import Message, about, as_note
+from slam.core.messages import Message, about, warning
 
 NOMINAL_ANTENNA_STD_M = 0.2
 """Standard deviation along each axis of an antenna's place that nobody has measured. Vehicles that carry a
@@ -55,8 +55,9 @@ def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> Message | None
         "gps0",
         f"fixes are good to {fix_std_m:.2g} m, but nothing tells where the antenna is on the body: "
         "it is held at the body's origin, because at the headings of this flight its place looks like that "
-        "of the whole map or like the lens; the map may lie beside its place on Earth by as much; state the "
-        "antenna's place in T_BS of gps0/sensor.yaml, or fly lines in several headings",
+        "of the whole map or like the lens",
+        "the map may lie beside its place on Earth by as much",
+        "state the antenna's place in T_BS of gps0/sensor.yaml, or fly lines in several headings",
     )
 
 
@@ -65,16 +66,15 @@ def antenna_height_note(bundle: Bundle) -> Message | None:
     measured = bundle.optimum.problem.measurements
     if not measured.positions or measured.antenna_up_std_m <= measured.antenna_std_m:
         return None
-    return as_note(
-        about(
-            "gps0",
-            "nothing tells how high the antenna is above the body's origin: heights of cameras and ground "
-            f"count it as 0 ± {measured.antenna_up_std_m:g} m; T_BS of gps0/sensor.yaml states it",
-        )
-    )
+    return about(
+        "gps0",
+        "nothing tells how high the antenna is above the body's origin: heights of cameras and ground "
+        f"count it as 0 ± {measured.antenna_up_std_m:g} m",
+        "T_BS of gps0/sensor.yaml states it",
+    ).as_note()
 
 
-def refusal_of_antenna(bundle: Bundle) -> str:
+def refusal_of_antenna(bundle: Bundle) -> Message | None:
     """Return why a place that was free, in ``bundle``, is not to be taken; empty where it is.
 
     As for the numbers of a lens, the flight must tell more of it than was known: its variance is below half
@@ -85,14 +85,14 @@ def refusal_of_antenna(bundle: Bundle) -> str:
     std, prior = bundle.antenna_std_m[:2], measured.antenna_std_m
     off = (bundle.antenna_m - measured.antenna_m)[:2]
     if not measured.positions or not (std**2 < 0.5 * prior**2).all():
-        return (
+        return warning(
             "the flight does not tell the antenna's place from the lens and from the place of the whole map "
             f"(±{np.nanmax(std):.2g} m, ±{prior:.2g} m without the flight)"
         )
     if (np.abs(off) > FARTHEST * prior).any():
-        return (
+        return warning(
             f"it would be {off[0]:+.2f} m forward and {off[1]:+.2f} m left of its stated place, which is "
-            "outside most vehicles and may have another cause, such as a delay; if it is there, state it in "
-            "T_BS of gps0/sensor.yaml"
+            "outside most vehicles and may have another cause, such as a delay",
+            "if it is there, state it in T_BS of gps0/sensor.yaml",
         )
-    return ""
+    return None

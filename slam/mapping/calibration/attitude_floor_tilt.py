@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from backend.bundle.graph import LARGEST_SLOPE_RAD
 from backend.bundle.residual_spread import autocorrelated_std
 from slam.core.flight import Flight
-from slam.core.messages import Message
+from slam.core.messages import Message, warning
 from slam.core.rotations import rotation_of
 from slam.mapping.keyframe_readings import attitudes_at
 from slam.mapping.map import Map
@@ -118,12 +118,13 @@ def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> Message | Non
     elif tilt.turns_with_body:
         where = " towards one side of the body whatever the heading"
         cause = "its zero or the camera's mounting (T_BS) is off"
-    return Message(
+    return warning(
         f"attitude0 is tilted by {np.degrees(size):.1f}° against the floor seen in the pictures{where}: "
-        f"{cause}; roll and pitch are trusted only as far as they agree with the map; the map assumes level "
-        "ground: horizontal distances stay right, but if it slopes, heights may be wrong; check what "
-        "attitude0 reads with the vehicle level: if roll and pitch are not 0 there, calibrate its level, "
-        "else compare T_BS in cam0/sensor.yaml with how the camera is mounted, and until then measure "
-        "heights on the ground yourself",
-        about="attitude0",
-    )
+        f"{cause}",
+        "roll and pitch are trusted only as far as they agree with the map",
+        "the map assumes level ground: horizontal distances stay right, but if it slopes, heights may be "
+        "wrong",
+        "check what attitude0 reads with the vehicle level: if roll and pitch are not 0 there, calibrate "
+        "its level, else compare T_BS in cam0/sensor.yaml with how the camera is mounted, and until then "
+        "measure heights on the ground yourself",
+    ).concerning("attitude0")

@@ -66,6 +66,7 @@ def barometer_warning(bundle: Bundle | None) -> Message | None:
         return None
     return about(
         "barometer0",
-        f"its heights change {gain:.2g} ± {std:.1g} times as much as those of the map; the map "
-        "takes the difference as noise; check that its unit is metres",
+        f"its heights change {gain:.2g} ± {std:.1g} times as much as those of the map",
+        "the map takes the difference as noise",
+        "check that its unit is metres",
     )

@@ -15,7 +15,7 @@ from backend.bundle.refinement import Bundle
 from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
 from slam.core.instrument_errors import MountTilt
-from slam.core.messages import Message, as_note
+from slam.core.messages import Message, note
 from slam.mapping.calibration.attitude_floor_tilt import CLEARLY, SURE, AttitudeFloorTilt
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 
@@ -68,8 +68,8 @@ def mount_warning(tilt: MountTilt | None, camera_file: str) -> Message | None:
     if size < SURE * tilt.std_rad:
         return None
     rows = ", ".join(f"{x:.5g}" for row in tilt.b_T_c for x in row)
-    return as_note(
+    return note(
         f"cam0 is mounted {np.degrees(size):.1f} ± {np.degrees(tilt.std_rad):.1g}° askew of its T_BS, as "
-        f"floor and instruments show: corrected in the map; for other programs write T_BS data: [{rows}] "
-        f"into {camera_file}"
+        f"floor and instruments show: corrected in the map",
+        f"for other programs write T_BS data: [{rows}] into {camera_file}",
     )

@@ -16,7 +16,7 @@ from backend.clocks.picture_clock import ClockPiece, PictureClock
 from backend.clocks.windows import ClockDisagreement
 from slam.core.clock_steps import step_sizes
 from slam.core.instrument_errors import ClockErrors, ClockSpan
-from slam.core.messages import Message, as_note
+from slam.core.messages import Message, note, warning
 from slam.core.units import with_error
 
 Array = NDArray[np.float64]
@@ -98,45 +98,49 @@ def clock_warning(clock: PictureClock | None, taken_out: PictureClock) -> Messag
         return _corrected(taken_out)
     if clock is None or all(piece.known for piece in clock.pieces):
         return None
-    return Message(
-        "the time offset between camera and imu0 cannot be determined from this flight and is taken as zero; "
-        "to have it found, fly with more turns and tilts"
+    return warning(
+        "the time offset between camera and imu0 cannot be determined from this flight and is taken as zero",
+        "to have it found, fly with more turns and tilts",
     )
 
 
-def clock_contradiction(clock: PictureClock | None, taken_out: PictureClock) -> str:
+def clock_contradiction(clock: PictureClock | None, taken_out: PictureClock) -> Message | None:
     """Describe a delay or a step that remains in the map, so that its poses carry wrong times; else empty."""
     if clock is None or not any(piece.differs(0.0) for piece in clock.pieces):
-        return ""
+        return None
     if taken_out is not NO_CORRECTION:
-        return (
+        return warning(
             "the clocks of camera and imu0 still disagree after correction: the stamps of some poses may be "
-            "wrong; check the stamps in cam0/data.csv"
+            "wrong",
+            "check the stamps in cam0/data.csv",
         )
     if len(clock.pieces) > 1:
-        return (
-            f"{_steps(clock)}; one side of it is too vague to correct: stamps of poses, and instruments read "
-            "at them, are wrong; check the stamps in cam0/data.csv"
+        return warning(
+            f"{_steps(clock)}",
+            "one side of it is too vague to correct: stamps of poses, and instruments read at them, are "
+            "wrong",
+            "check the stamps in cam0/data.csv",
         )
     (piece,) = clock.pieces
-    return (
-        f"{_offset(piece)}, or more, too much to correct: the instruments are read at wrong times; shift the "
-        f"stamps in cam0/data.csv by {-1e3 * piece.delay_s:+.0f} ms and run again"
+    return warning(
+        f"{_offset(piece)}, or more, too much to correct: the instruments are read at wrong times",
+        f"shift the stamps in cam0/data.csv by {-1e3 * piece.delay_s:+.0f} ms and run again",
     )
 
 
-def disagreement_warning(left: tuple[ClockDisagreement, ...]) -> str:
+def disagreement_warning(left: tuple[ClockDisagreement, ...]) -> Message | None:
     """Describe when and by how much the pictures' stamps are still wrong; empty where they are nowhere."""
     if not left:
-        return ""
+        return None
     spans = [
         f"{with_error(span.delay_s, span.std_s, '+')} s from {span.begin_s:.2f} to {span.end_s:.2f} s"
         for span in left[:3]
     ]
     more = f" and in {len(left) - 3} more spans of time" if len(left) > 3 else ""
-    return (
+    return warning(
         f"the clock of cam0 differs from imu0's by {', '.join(spans)}{more} (a step or a drift), which is "
-        "not corrected: poses there may be wrong by more than is told; check the stamps in cam0/data.csv"
+        "not corrected: poses there may be wrong by more than is told",
+        "check the stamps in cam0/data.csv",
     )
 
 
@@ -147,11 +151,11 @@ def _correctable(piece: ClockPiece, clock: PictureClock) -> bool:
 def _corrected(taken_out: PictureClock) -> Message:
     where = "corrected in the map, whose poses are stamped by the imu's clock"
     if len(taken_out.pieces) > 1:
-        return Message(f"{_steps(taken_out)}: {where}; check cam0/data.csv before you use its stamps")
+        return warning(f"{_steps(taken_out)}: {where}", "check cam0/data.csv before you use its stamps")
     (piece,) = taken_out.pieces
-    return as_note(
-        f"{_offset(piece)}: {where}; for other programs shift the stamps in cam0/data.csv by "
-        f"{-1e3 * piece.delay_s:+.0f} ms"
+    return note(
+        f"{_offset(piece)}: {where}",
+        f"for other programs shift the stamps in cam0/data.csv by {-1e3 * piece.delay_s:+.0f} ms",
     )
 
 

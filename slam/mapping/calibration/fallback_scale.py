@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 _MOST_SCALE_STD = 0.3
 """Largest relative deviation of a scale that is worth stating: lengths may else be wrong by two times."""
 
-WRONG_SIGN = "it falls where the camera climbs; check its sign (altitude grows upwards)"
+WRONG_SIGN, CHECK_SIGN = "it falls where the camera climbs", "check its sign (altitude grows upwards)"
 _NOT_COVERED = "its readings do not cover the pictures"
 
 OnStep = Callable[[int, float], None]

@@ -21,7 +21,7 @@ from frontend.camera import Camera
 from frontend.lift import lift
 from slam.core.estimate import over_floor
 from slam.core.imu_at_rest import NO_GRAVITY, GravityReading
-from slam.core.messages import Message
+from slam.core.messages import Message, warning
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.front_end import Observations
 
@@ -48,16 +48,17 @@ class AccelerometerScale:
     """Relative deviation of the map's own scale; None if nothing else determines it."""
 
     @property
-    def contradiction(self) -> str:
+    def contradiction(self) -> Message | None:
         """In words, where the accelerometer contradicts the ranges, positions or velocity that tell the map's
         lengths; else empty."""
         ratio, std = self.lengths.ratio, self.lengths.log_std
         if self.map_std is None or not abs(np.log(ratio)) > _CONTRADICTED * self.ratio_std:
-            return ""
-        return (
+            return None
+        return warning(
             f"lengths by the accelerometer differ from the map's by {100 * (ratio - 1):+.0f} ± "
-            f"{100 * std:.2g} %, though the map's are known to {100 * self.map_std:.2g} %: "
-            "one of the instruments has a wrong scale; the map's lengths are kept"
+            f"{100 * std:.2g} %, though the map's are known to {100 * self.map_std:.2g} %: one of the "
+            "instruments has a wrong scale",
+            "the map's lengths are kept",
         )
 
     @property
@@ -98,12 +99,11 @@ def velocity_contradicted(
     if isinstance(scale, NoScale) or not scale.contradiction or gravity is not None:
         return None
     ratio, std = 1 / scale.lengths.ratio, scale.ratio_std
-    return Message(
+    return warning(
         f"velocity0 reads {ratio:.2f} (± {100 * std:.2g} %) times the speed that the accelerometer tells: it "
-        "is left out of the map's lengths; check its unit, scale_std in velocity0/sensor.yaml, and the unit "
-        "and calibration of imu0",
-        about="velocity0",
-    )
+        "is left out of the map's lengths",
+        "check its unit, scale_std in velocity0/sensor.yaml, and the unit and calibration of imu0",
+    ).concerning("velocity0")
 
 
 def compare_with_inertia(
@@ -138,7 +138,7 @@ def compare_with_inertia(
     level_T = np.eye(4)
     level_T[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
     if gravity is not None and gravity.is_missing:
-        return InertialComparison(clock, NoScale(NO_GRAVITY))
+        return InertialComparison(clock, NoScale("; ".join(NO_GRAVITY)))
     found = inertial_scale(stamps_s, level_T @ path, readings, _typical(covariances), b_p_c_m)
     if isinstance(found, NoScale):
         return InertialComparison(clock, found)

@@ -11,7 +11,7 @@ import numpy as np
 from backend.clocks.picture_clock import ClockPiece, PictureClock
 from slam.core.clock_steps import attitude_clock
 from slam.core.flight import Flight
-from slam.core.messages import as_note
+from slam.core.messages import note, warning
 from slam.core.units import with_error
 
 
@@ -27,21 +27,25 @@ def on_one_clock(flight: Flight, pictures: PictureClock | None) -> Flight:
     camera = pictures.pieces[0] if pictures is not None and len(pictures.pieces) == 1 else None
     if camera is None or not camera.known:
         return flight.with_warning(
-            f"{_said('attitude0', attitude)} imu0's readings of the same moment, and the pictures do not tell"
-            " which of the two is wrong: tilts may be read at wrong times; check the stamps of both"
+            warning(
+                f"{_said('attitude0', attitude)} imu0's readings of the same moment, and the pictures do "
+                "not tell which of the two is wrong: tilts may be read at wrong times",
+                "check the stamps of both",
+            )
         )
     if camera.differs(0.0) and not camera.differs(attitude.delay_s, attitude.std_s):
         both = _mean(camera, attitude)
-        note = as_note(
+        said = note(
             f"{_said('imu0', _turned(both))} the pictures and attitude0 of the same moment, which agree: the"
-            " imu's stamps are corrected in the map; check the stamps in imu0/data.csv"
+            " imu's stamps are corrected in the map",
+            "check the stamps in imu0/data.csv",
         )
-        return flight.restamped(["imu"], lambda stamps_s: stamps_s + both.delay_s).with_warning(note)
-    note = as_note(
-        f"{_said('attitude0', attitude)} imu0's readings of the same moment: corrected in the map; check the"
-        " stamps in attitude0/data.csv"
+        return flight.restamped(["imu"], lambda stamps_s: stamps_s + both.delay_s).with_warning(said)
+    said = note(
+        f"{_said('attitude0', attitude)} imu0's readings of the same moment: corrected in the map",
+        "check the stamps in attitude0/data.csv",
     )
-    return flight.restamped(["attitude"], lambda stamps_s: stamps_s - attitude.delay_s).with_warning(note)
+    return flight.restamped(["attitude"], lambda stamps_s: stamps_s - attitude.delay_s).with_warning(said)
 
 
 def attitude_delay(flight: Flight) -> ClockPiece | None:

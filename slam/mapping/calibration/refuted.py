@@ -60,8 +60,8 @@ class FreeCalibrations:
     gps: Gps | None
     refuted: tuple[Refuted, ...] = ()
     """The calibrations that become free, without a lens of another model that was stated as uncertain."""
-    reason: str = ""
-    """Why a refuted antenna is fixed all the same; empty where none is."""
+    reason: Message | None = None
+    """Why a refuted antenna is fixed all the same; None where none is."""
     doubted_lens: Message | None = None
     """Warning about a lens that is refuted and fixed all the same; None where none is."""
 
@@ -112,13 +112,13 @@ def suspects(bundle: Bundle | None, errors: SystematicErrors | None) -> Suspects
 
 def refuted_by_trial(
     trial: Bundle | None, suspected: Suspects, errors: SystematicErrors
-) -> tuple[tuple[Refuted, ...], str]:
+) -> tuple[tuple[Refuted, ...], Message | None]:
     """Return the suspects that a ``trial`` with all of them free determines, and why an antenna is none."""
     if trial is None:
-        return (), ""
-    reason = refusal_of_antenna(trial) if "antenna" in suspected.refuted else ""
-    determined: dict[Fixable, bool] = {"lens": trial.lens is not None, "antenna": not reason}
-    return tuple(Refuted(what, errors) for what in suspected.refuted if determined[what]), reason
+        return (), None
+    refusal = refusal_of_antenna(trial) if "antenna" in suspected.refuted else None
+    determined: dict[Fixable, bool] = {"lens": trial.lens is not None, "antenna": refusal is None}
+    return tuple(Refuted(what, errors) for what in suspected.refuted if determined[what]), refusal
 
 
 def is_fixed_lens_suspect(bundle: Bundle, tested: ErrorTest) -> bool:
@@ -233,9 +233,10 @@ class ImplausibleFocal:
         return about(
             "cam0",
             f"the {origin} focal length, {self.stated_px:.0f} px, contradicts {refuting}, but they "
-            f"show {self.found_px:.0f} px{known}: the map {choice}; its heights and slopes are doubted; give "
-            "the pictures as the camera took them, neither stretched nor cropped, with their tags, or add "
-            "control points, or fly at a second height",
+            f"show {self.found_px:.0f} px{known}: the map {choice}",
+            "its heights and slopes are doubted",
+            "give the pictures as the camera took them, neither stretched nor cropped, with their tags, or "
+            "add control points, or fly at a second height",
         )
 
 

@@ -11,7 +11,7 @@ from backend.bundle.reported.graph import REPORTED
 from backend.significance import SURE_SIGMAS
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.instrument_errors import VelocityErrors
-from slam.core.messages import Message, as_note
+from slam.core.messages import Message, note
 
 _GAIN, _OFFSET_M_S, _FADING_M_S = 0.1, 0.1, 0.12
 """Errors that are worth a warning: as large as usual ones of on-board velocities, or twice as large."""
@@ -60,7 +60,7 @@ def velocity_warning(found: VelocityErrors | None) -> Message | None:
     line = (
         f"velocity0 reads {', '.join(words)}: the map allows for it, and other programs should not trust it"
     )
-    return as_note(line) if words else None
+    return note(line) if words else None
 
 
 def _pair(values: NDArray[np.float64]) -> tuple[float, float]:

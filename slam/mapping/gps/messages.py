@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from backend.quantiles import chi_square_limit
 from backend.wording import counted, either
 from slam.core.flight_info import MOST_LISTED_FIXES
-from slam.core.messages import Message, about, as_note
+from slam.core.messages import Message, about
 from slam.core.names import listed
 from slam.core.units import length
 from slam.mapping.gps.agreeing_half import LEAST_FOR_HALF
@@ -53,7 +53,7 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
         if too_many(len(bad), agreement.count):
             warnings.append(line.extended(_DOUBT))
         else:
-            remarks.append(as_note(line))
+            remarks.append(line.as_note())
     high = covered & agreement.used & np.isfinite(agreement.off_m[:, 2])
     bad_altitude = np.flatnonzero(high & ~agreement.altitude_used)
     good_altitude = np.flatnonzero(high & agreement.altitude_used)
@@ -73,7 +73,7 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
             if too_many(outliers, count):
                 warnings.append(line.extended(_DOUBT))
             else:
-                remarks.append(as_note(line))
+                remarks.append(line.as_note())
     warnings += [
         *_too_few(fixes, agreement, covered),
         *_used_suspects(fixes, agreement, covered),
@@ -110,9 +110,10 @@ def _step_line(fixes: Fixes, good: NDArray[np.int64], bad: NDArray[np.int64], st
     where = "above" if step_m > 0 else "below"
     return about(
         "gps0",
-        f"the altitudes of {group(bad)} lie {length(abs(step_m))} {where} those of the other "
-        f"{group(good)} while the pictures show no such climb: two altitude references (sea level, "
-        "ellipsoid, take-off)? The map uses those of the latter; check which are right",
+        f"the altitudes of {group(bad)} lie {length(abs(step_m))} {where} those of the other {group(good)} "
+        "while the pictures show no such climb: two altitude references (sea level, ellipsoid, take-off)? "
+        "The map uses those of the latter",
+        "check which are right",
     )
 
 
@@ -130,8 +131,8 @@ def _too_few(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> 
     return [
         about(
             "gps0",
-            f"the {n} fixes contradict the pictures by {length(rms)}, and it takes {which} wrong "
-            f"({names}); scale and place of the map may be wrong: check the fixes, or add control points",
+            f"the {n} fixes contradict the pictures by {length(rms)}, and it takes {which} wrong ({names})",
+            "scale and place of the map may be wrong: check the fixes, or add control points",
         )
     ]
 
@@ -147,11 +148,10 @@ def _used_suspects(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_
     return [
         about(
             "gps0",
-            f"the map uses {counted(len(suspects), 'fix', 'fixes')} out of reach of the others "
-            f"({names}), because the fixes "
-            f"differ from it by {length(rms)} a horizontal axis anyway; if "
-            f"{either(len(suspects), 'this one is', 'these are')} wrong, so are its scale "
-            "and place: check them",
+            f"the map uses {counted(len(suspects), 'fix', 'fixes')} out of reach of the others ({names}), "
+            f"because the fixes differ from it by {length(rms)} a horizontal axis anyway",
+            f"if {either(len(suspects), 'this one is', 'these are')} wrong, so are its scale and place: "
+            "check them",
         )
     ]
 
@@ -173,7 +173,8 @@ def _jumps(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> li
         about(
             "gps0",
             f"the fixes jump against the pictures by {listed(steps, MOST_LISTED_FIXES)}: those before or "
-            "those after are wrong, and so may be scale, heading and place of the map; remove the wrong ones",
+            "those after are wrong, and so may be scale, heading and place of the map",
+            "remove the wrong ones",
         )
     ]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from backend.wording import either
 from slam.core.flight_info import MOST_LISTED_FIXES
-from slam.core.messages import Message, about, as_note
+from slam.core.messages import Message, about
 from slam.core.names import listed
 from slam.core.units import length
 from slam.mapping.gps.consensus import STATED_SIGMAS, nominal_limit_m, rough_turn
@@ -59,7 +59,7 @@ def stale_line(names: tuple[str, ...], moved_m: Array) -> Message | None:
         f"{either(n, 'is', 'are')} not used: {listed([names[k] for k in stale], MOST_LISTED_FIXES)}",
     )
     if not too_many(n, len(names)):
-        return as_note(line)
+        return line.as_note()
     return line.extended(
         "the receiver stopped, or is slower than the camera: only the others place the map",
         "check them, or add control points",

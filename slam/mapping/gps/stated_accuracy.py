@@ -14,33 +14,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.quantiles import chi_square_limit, f_tail
-from slam.core.messages import Message
+from slam.core.messages import Message, warning
 from slam.mapping.gps.altitude_course import AltitudesOnMap, altitude_course
 from slam.mapping.gps.consensus import FALSE_ALARM, LEAST_FIXES, STATED_SIGMAS
 
 Array = NDArray[np.float64]
 
 _DOUBTED = {
-    "body": "they are constant in the axes of the vehicle ({value}), as a wrong principal point, mount or "
-    "antenna position makes them: the camera model is doubted, not the GPS; calibrate the camera, and state "
-    "the antenna's place in gps0/sensor.yaml",
-    "place": "they vary smoothly over the map ({value}), as lens distortion makes them: the map's shape is "
-    "doubted, not the GPS; calibrate the lens",
-    "delay": "they follow the velocity ({value}), as late stamps do: the clocks are doubted, not the "
-    "GPS; check the stamps of pictures and fixes",
-    "step": "they follow the velocity from {since} on ({value}), as a clock that was set then does: the "
-    "clocks are doubted, not the GPS; check the stamps of pictures and fixes",
-    "scale": "they grow with the distance ({value}), as another scale does: lengths of the map and the GPS "
-    "contradict each other; check the unit and the gain of the height sensor and the focal length",
-    "mirror": "they are a mirror image of the map ({value}): the letters E and W, or N and S, of the "
-    "positions are exchanged, or the pictures are mirrored; scale, heading and place of the map are wrong",
-    "altitude": "altitudes that drift make such differences, and so does a map that is bent or tilted: "
-    "heights and slopes of the map are doubted; do not measure these on it, or add control points",
-    "": "they have no pattern that camera, lens or clock would make: the {said} accuracy is doubted; correct "
-    "noise_std in gps0/sensor.yaml",
+    "body": (
+        "they are constant in the axes of the vehicle ({value}), as a wrong principal point, mount or "
+        "antenna position makes them: the camera model is doubted, not the GPS",
+        "calibrate the camera, and state the antenna's place in gps0/sensor.yaml",
+    ),
+    "place": (
+        "they vary smoothly over the map ({value}), as lens distortion makes them: the map's shape is "
+        "doubted, not the GPS",
+        "calibrate the lens",
+    ),
+    "delay": (
+        "they follow the velocity ({value}), as late stamps do: the clocks are doubted, not the GPS",
+        "check the stamps of pictures and fixes",
+    ),
+    "step": (
+        "they follow the velocity from {since} on ({value}), as a clock that was set then does: the clocks "
+        "are doubted, not the GPS",
+        "check the stamps of pictures and fixes",
+    ),
+    "scale": (
+        "they grow with the distance ({value}), as another scale does: lengths of the map and the GPS "
+        "contradict each other",
+        "check the unit and the gain of the height sensor and the focal length",
+    ),
+    "mirror": (
+        "they are a mirror image of the map ({value}): the letters E and W, or N and S, of the positions are "
+        "exchanged, or the pictures are mirrored",
+        "scale, heading and place of the map are wrong",
+    ),
+    "altitude": (
+        "altitudes that drift make such differences, and so does a map that is bent or tilted: heights and "
+        "slopes of the map are doubted",
+        "do not measure these on it, or add control points",
+    ),
+    "": (
+        "they have no pattern that camera, lens or clock would make: the {said} accuracy is doubted",
+        "correct noise_std in gps0/sensor.yaml",
+    ),
 }
-
-
+"""Kind of a pattern -> what it leaves in doubt, and what to do."""
 _MOST_LEFT = 0.25
 """Share of the squares that a pattern leaves at most: half of the standard deviation."""
 _MOST_STEPS = 64
@@ -92,8 +112,9 @@ class Contradiction:
         """The sentence, with what the pattern leaves in doubt."""
         value = f"{self.pattern.value}; {100 * self.pattern.share:.0f} % of the squares"
         said = "stated" if self.stated else "assumed"
-        why = _DOUBTED[self.pattern.kind].format(value=value, said=said, since=self.pattern.since)
-        return Message(f"{self.differs}, which is taken as their noise: {why}", about="gps0")
+        why, do = _DOUBTED[self.pattern.kind]
+        why = why.format(value=value, said=said, since=self.pattern.since)
+        return warning(f"{self.differs}, which is taken as their noise: {why}", do).concerning("gps0")
 
 
 def mirror_contradiction(fixes: FixesOnMap) -> Contradiction | None:

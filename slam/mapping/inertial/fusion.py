@@ -21,7 +21,7 @@ from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose, ReportedMotion
 from backend.quantiles import chi_square_limit
 from backend.significance import FALSE_ALARM
-from slam.core.messages import Message
+from slam.core.messages import parsed, warning
 from slam.mapping.calibration.lens import calibrated
 from slam.mapping.control_points import ControlComparison
 from slam.mapping.inertial.bridge import Bridge
@@ -141,7 +141,7 @@ def _apart(parts: Map, joined: Map, members: NDArray[np.int64], reason: str) -> 
         bridges=_bridges(joined, members)[1],
         warnings=(
             *joined.warnings,
-            Message(f"a gap in the pictures is not bridged: {reason}; measure on one side of it only"),
+            warning(f"a gap in the pictures is not bridged: {reason}", "measure on one side of it only"),
         ),
     )
 
@@ -233,7 +233,8 @@ def _with_bundle(
         bridges=(*others, *refined),
         warnings=(
             *joined.warnings,
-            *map(Message, (*convergence_warnings(bundle, setup.readings), *left_out[-1:])),
+            *convergence_warnings(bundle, setup.readings),
+            *map(parsed, left_out[-1:]),
         ),
     )
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from backend.wording import counted, either
 from slam.core.errors import InputError
 from slam.core.flight import Flight
-from slam.core.messages import Message, about
+from slam.core.messages import about, warning
 from slam.core.progress import Progress, silent
 from slam.core.streams import STREAMS, Image
 from slam.mapping.live.mapper import LiveMapper
@@ -164,7 +164,7 @@ class _Followed:
                 about(
                     "cam0",
                     f"{counted(late, 'picture')} came after one of a later time and "
-                    f"{either(late, 'was', 'were')} left out in flight; "
+                    f"{either(late, 'was', 'were')} left out in flight",
                     "write rows in the order of their times",
                 )
             )
@@ -174,13 +174,14 @@ class _Followed:
                 about(
                     "cam0",
                     f"data.csv was changed in flight: {counted(gone, 'picture')} that "
-                    f"{either(gone, 'was', 'were')} mapped {either(gone, 'is', 'are')} no longer in it; the "
-                    "map keeps them, but readings of other sensors may be lost with them: append rows only",
+                    f"{either(gone, 'was', 'were')} mapped {either(gone, 'is', 'are')} no longer in it",
+                    "the map keeps them, but readings of other sensors may be lost with them: append rows "
+                    "only",
                 )
             )
         if self.error:
             said = f"the flight could not be read at its end, and an earlier state is used: {self.error}"
-            lines.append(Message(said))
+            lines.append(warning(said))
         return self.newest.with_warning(*lines)
 
 

@@ -14,6 +14,7 @@ from backend.clocks.picture_clock import SURE
 from backend.wording import counted
 from slam.core.errors import InputError
 from slam.core.flight import Flight
+from slam.core.messages import warning
 from slam.core.progress import Progress, silent
 from slam.core.stream_source import StreamSource
 from slam.core.streams import FIELD_BY_FOLDER, STREAMS
@@ -53,8 +54,11 @@ def join_recordings(
             continue
         if not streams:
             moved[k] = motion.flight.with_warning(
-                f"nothing of {motion.flight.name} is used, since other sources have its streams; if it goes "
-                "on where another one ends, give both to slam optimize, as several flights of one camera"
+                warning(
+                    f"nothing of {motion.flight.name} is used, since other sources have its streams",
+                    "if it goes on where another one ends, give both to slam optimize, as several flights "
+                    "of one camera",
+                )
             )
             continue
         given = next((offsets_s[folder] for folder in streams if folder in offsets_s), None)
@@ -121,9 +125,10 @@ def _moved(flight: Flight, clock: KnownClock, reference: str) -> Flight:
     moved = replace(flight.restamped(STREAMS, clock.on_reference), sources=tuple(sources))
     if clock.steps:
         moved = moved.with_warning(
-            f"{flight.name}: its clock steps {counted(clock.steps, 'time')} against that of {reference}; a "
-            "map looks "
-            "for steps of cam0, and other streams keep them"
+            warning(
+                f"{flight.name}: its clock steps {counted(clock.steps, 'time')} against that of {reference}",
+                "a map looks for steps of cam0, and other streams keep them",
+            )
         )
     return _turned(moved, clock, reference)
 
@@ -148,10 +153,14 @@ def _turned(flight: Flight, clock: KnownClock, reference: str) -> Flight:
         w_T_b[:, :3, :3] = w_T_b[:, :3, :3] @ clock.turned.T
         changed["truth"] = replace(flight.truth, w_T_b=w_T_b)
     lost = [STREAMS[name].folder for name in _IN_BODY_AXES if getattr(flight, name) is not None]
-    also = f"; {', '.join(lost)} of it, in its own axes, left out" if lost else ""
+    also = f"{', '.join(lost)} of it, in its own axes, left out" if lost else ""
     return replace(flight, **changed).with_warning(
-        f"{flight.name}: its body axes are turned by ({vector}) against those of {reference}, as both show "
-        f"by their turns; its camera and truth follow{also}"
+        warning(
+            f"{flight.name}: its body axes are turned by ({vector}) against those of {reference}, as both "
+            "show by their turns",
+            "its camera and truth follow",
+            also,
+        )
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from backend.bundle.lens import FOCAL
 from slam.core.flight import Flight
-from slam.core.messages import CHECKED_BY_ONE_DISTANCE
+from slam.core.messages import CHECKED_BY_ONE_DISTANCE, Message, warning
 from slam.core.names import enumerated
 from slam.core.units import percent
 from slam.mapping.map import Map
@@ -66,10 +66,8 @@ def accuracy_basis(flight: Flight, map_: Map, shares: Shares) -> str:
         return ""
     (source,) = sources
     what = "Place, lengths" if map_.georeferenced else "Lengths"
-    return (
-        f"{what} and their accuracy rest on {source} alone; no second instrument checks them"
-        f"{_assumed(flight, map_)}{_heights_by_lens(map_)}. {CHECKED_BY_ONE_DISTANCE}"
-    )
+    unchecked = f"no second instrument checks them{_assumed(flight, map_)}{_heights_by_lens(map_)}"
+    return f"{what} and their accuracy rest on {source} alone; {unchecked}. {CHECKED_BY_ONE_DISTANCE}"
 
 
 def _assumed(flight: Flight, map_: Map) -> str:
@@ -121,14 +119,15 @@ def _heights_by_lens(map_: Map) -> str:
     )
 
 
-def scale_warning(flight: Flight, map_: Map, shares: Shares) -> str:
+def scale_warning(flight: Flight, map_: Map, shares: Shares) -> Message:
     """Return what the scale of a map rests on that has neither ranges nor GPS, and what to do about it."""
     measured = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
     lacking = "no sonar range that fits the pictures, and no GPS" if measured else "no sonar and no GPS"
     if map_.bundle is None or map_.bundle.scale_std is None:
-        return (
-            f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor; "
-            "measure one distance on the ground and scale the map by it"
+        return warning(
+            f"{lacking}: no metric scale",
+            "lengths are in units of the camera's mean height over the floor",
+            "measure one distance on the ground and scale the map by it",
         )
     used = {
         "the vehicle's own velocity": ("velocity", map_.bundle.uses_reported_motion),
@@ -142,16 +141,16 @@ def scale_warning(flight: Flight, map_: Map, shares: Shares) -> str:
     else:
         source = f"no metric scale but that of {sources[0]},"
     check = "measure one distance on the ground to check it"
-    return f"{lacking}: {source} known to {100 * map_.bundle.scale_std:.2g} %; {check}"
+    return warning(f"{lacking}: {source} known to {100 * map_.bundle.scale_std:.2g} %", check)
 
 
-def vague_lengths_warning(map_: Map) -> str:
+def vague_lengths_warning(map_: Map) -> Message | None:
     """Return what to do about lengths in metres that are known too vaguely to measure with; else ''."""
     std = map_.bundle.scale_std if map_.bundle is not None else None
     if std is None or std <= VAGUE_SCALE_STD:
-        return ""
-    return (
+        return None
+    return warning(
         f"all lengths are known to {100 * std:.2g} % only: what tells them is too inexact for ground of this "
-        "size; measure one distance on the ground and scale the map by it, add control points, or map more "
-        "ground"
+        "size",
+        "measure one distance on the ground and scale the map by it, add control points, or map more ground",
     )

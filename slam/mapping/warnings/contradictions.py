@@ -7,12 +7,11 @@ of such a flight is consistent in itself, so that only another instrument can re
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.messages import Message, about
+from slam.core.messages import Message, about, warning
 from slam.mapping.warnings.motions import GYRO, KeyframeSteps, StepMotion
 
 Array = NDArray[np.float64]
@@ -45,7 +44,7 @@ def _lines(motion: StepMotion, metric: bool) -> list[Message]:
     least = LEAST_WAY_M if motion.is_way else max(LEAST_TURN_RAD, ABOVE_NOISE * motion.noise)
     found = list(_contradictions(motion, least, motion.is_way and metric))
     found = found or (_gain(motion) if motion.who == GYRO else [])
-    return [replace(about(motion.who, line), about=motion.stream) for line in found]
+    return [line.named(motion.who).concerning(motion.stream) for line in found]
 
 
 def _common_cause(lines: list[Message]) -> list[Message]:
@@ -56,13 +55,14 @@ def _common_cause(lines: list[Message]) -> list[Message]:
     return [
         about(
             "cam0",
-            f"{' and '.join(streams)} contradict the pictures; check first which way the camera is mounted "
-            "(T_BS), its intrinsics, and whether its pictures are mirrored, turned or in another order",
+            f"{' and '.join(streams)} contradict the pictures",
+            "check first which way the camera is mounted (T_BS), its intrinsics, and whether its pictures "
+            "are mirrored, turned or in another order",
         )
     ]
 
 
-def _gain(motion: StepMotion) -> list[str]:
+def _gain(motion: StepMotion) -> list[Message]:
     """Describe turns (n, 3) by a sensor that are in proportion to the map's, but of another size.
 
     The proportion is by least squares, to which a bias of the sensor adds nothing.
@@ -75,12 +75,14 @@ def _gain(motion: StepMotion) -> list[str]:
     if 1 / FAR < times < FAR:
         return []
     return [
-        f"turns {times:.2g} times as far as the pictures show; check its unit (rad/s, not "
-        "deg/s) and focal length and distortion of cam0"
+        warning(
+            f"turns {times:.2g} times as far as the pictures show",
+            "check its unit (rad/s, not deg/s) and focal length and distortion of cam0",
+        )
     ]
 
 
-def _contradictions(motion: StepMotion, least: float, by_length: bool) -> Iterator[str]:
+def _contradictions(motion: StepMotion, least: float, by_length: bool) -> Iterator[Message]:
     """Compare the readings of each step with the map's, both (n, c), and describe a contradiction."""
     known = np.isfinite(motion.read).all(axis=1)
     read, made = motion.read[known], motion.made[known]
@@ -91,23 +93,30 @@ def _contradictions(motion: StepMotion, least: float, by_length: bool) -> Iterat
         return
     of_read, of_made = float((read**2).sum()), float((made**2).sum())
     if of_read == 0.0:
-        yield "reads no motion while the pictures show some; check whether the sensor is stuck"
+        yield warning("reads no motion while the pictures show some", "check whether the sensor is stuck")
         return
     alike = float((read * made).sum()) / np.sqrt(of_read * of_made)
     further = np.sqrt(of_made / of_read)
     if alike < AGAINST:
         yield (
-            f"opposite in sign to the motion seen in the pictures (correlation {alike:.2f}); "
-            "check the axis signs in docs/flight-format.md"
+            warning(
+                f"opposite in sign to the motion seen in the pictures (correlation {alike:.2f})",
+                "check the axis signs in docs/flight-format.md",
+            )
         )
     elif alike < ALIKE:
         yield (
-            f"does not match the motion seen in the pictures (correlation {alike:.2f}); check stamps, "
-            "signs and axes, the order of the pictures, and whether one camera at one zoom took them all"
+            warning(
+                f"does not match the motion seen in the pictures (correlation {alike:.2f})",
+                "check stamps, signs and axes, the order of the pictures, and whether one camera at one "
+                "zoom took them all",
+            )
         )
     elif by_length and (further > FAR or (further < 1 / FAR and not motion.by_acceleration)):
         yield (
-            f"the path on the map is {further:.2g} times as long as this sensor says; check its unit, "
-            "the focal length of cam0 (and its zoom), and whether the height sensor is stuck "
-            "or in another unit"
+            warning(
+                f"the path on the map is {further:.2g} times as long as this sensor says",
+                "check its unit, the focal length of cam0 (and its zoom), and whether the height sensor is "
+                "stuck or in another unit",
+            )
         )

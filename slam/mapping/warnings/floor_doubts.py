@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam.core.messages import Message, as_note, as_reason
+from slam.core.messages import Message, note, reason, warning
 from slam.core.streams import Gps
 from slam.mapping.floor_doubts import LIKELY_WRONG, SIGMAS, FloorDoubts, RepeatingFloor, TwoMotions
 from slam.mapping.map import Map
@@ -32,25 +32,26 @@ def _of_repeating(found: RepeatingFloor, map_: Map, gps: Gps | None) -> Message:
     by = "the instruments" if observations.by_instruments else "the motion from picture to picture"
     if gps is not None and map_.georeferenced and SIGMAS * max(gps.noise_std_m[:2]) < 0.5 * period:
         # Fixes that contradict the pictures have a warning of their own.
-        return as_note(f"{fact}; the positions told which copy each picture shows")
+        return note(fact, "the positions told which copy each picture shows")
     if found.wrong < TOLD:
-        return as_note(f"{fact}; {by} told which copy each picture shows")
-    line = Message(
+        return note(fact, f"{by} told which copy each picture shows")
+    line = warning(
         f"{fact}, and {by} may have led to a wrong copy ({found.wrong:.1g} expected): the pictures then "
-        f"agree with each other on a wrong motion; take pictures so often that the vehicle moves by less "
-        f"than {period / 4:.2g} {unit} between two, record velocity0 with attitude0 and sonar0, or lay out "
-        "marks"
+        "agree with each other on a wrong motion",
+        f"take pictures so often that the vehicle moves by less than {period / 4:.2g} {unit} between two, "
+        "record velocity0 with attitude0 and sonar0, or lay out marks",
     )
-    return as_reason(line) if found.wrong >= LIKELY_WRONG else line
+    return line.as_reason() if found.wrong >= LIKELY_WRONG else line
 
 
 def _of_two(found: TwoMotions, map_: Map) -> Message:
     observations = map_.observations
     begin_s, end_s = observations.camera_stamps_s[found.frames[[0, -1]]]
     by = " and the instruments agree with neither" if observations.by_instruments else ""
-    return as_reason(
+    return reason(
         f"two motions were seen in {len(found.frames)} of {observations.frames} pictures from "
         f"{begin_s:.1f} to {end_s:.1f} s{by}: the map follows one of them, the other one covers "
-        f"{100 * found.share:.0f} % of what moves, and either may be the floor; look at the mosaic: where it "
-        "shows what moved, record velocity0 with attitude0 and sonar0, or leave these pictures out"
+        f"{100 * found.share:.0f} % of what moves, and either may be the floor",
+        "look at the mosaic: where it shows what moved, record velocity0 with attitude0 and sonar0, or leave "
+        "these pictures out",
     )

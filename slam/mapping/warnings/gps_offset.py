@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from backend.quantiles import chi_square_limit
 from backend.significance import FALSE_ALARM
 from slam.core.control_points import ControlReport
-from slam.core.messages import Message, as_note
+from slam.core.messages import Message, note, warning
 from slam.core.names import enumerated
 from slam.core.units import FOOT_M, length
 
@@ -103,7 +103,7 @@ class _Offset:
         return left[least] if least <= self.largest_rise_m else _OTHER_HEIGHTS
 
 
-def offset_warnings(report: ControlReport) -> list[str]:
+def offset_warnings(report: ControlReport) -> list[Message]:
     """Return lines for the status about GPS positions that lie farther off surveyed points than datums and
     references of heights do; off check points alone, farther than the accuracy of the fixes."""
     offset = _Offset.of(report)
@@ -114,37 +114,44 @@ def offset_warnings(report: ControlReport) -> list[str]:
     lines = []
     if offset.exceeds(slice(2), _DATUMS_M):
         lines.append(
-            f"control points: the GPS lies {length(offset.size_m)} off all of them alike ({offset.where} of "
-            "them), farther than datums differ: datum, zone or base station of one of both is wrong; the map "
-            "is where the control points are: check their coordinate system"
+            warning(
+                f"control points: the GPS lies {length(offset.size_m)} off all of them alike "
+                f"({offset.where} of them), farther than datums differ: datum, zone or base station of "
+                "one of both is wrong",
+                "the map is where the control points are: check their coordinate system",
+            )
         )
     if offset.is_beyond_references:
         lines.append(
-            f"control points: the altitudes of the GPS lie {offset.rise} them, farther than references of "
-            f"heights differ ({_LARGEST_UNDULATION_M:.0f} m): {offset.fit}; the map has the heights of the "
-            "control points"
+            warning(
+                f"control points: the altitudes of the GPS lie {offset.rise} them, farther than "
+                f"references of heights differ ({_LARGEST_UNDULATION_M:.0f} m): {offset.fit}",
+                "the map has the heights of the control points",
+            )
         )
     return lines
 
 
-def _off_check_points(offset: _Offset) -> list[str]:
+def _off_check_points(offset: _Offset) -> list[Message]:
     lines = []
     if offset.exceeds(slice(2)):
         lines.append(
-            f"check points: the map lies {length(offset.size_m)} off all of them alike ({offset.where} of "
-            "them), farther than its GPS explains: check their coordinate system, and the datum and the base "
-            "station of the GPS, or use points as control points, which place the map"
+            warning(
+                f"check points: the map lies {length(offset.size_m)} off all of them alike "
+                f"({offset.where} of them), farther than its GPS explains: check their coordinate system, "
+                "and the datum and the base station of the GPS, or use points as control points, which "
+                "place the map"
+            )
         )
     if offset.exceeds(slice(2, 3)):
-        why = (
-            offset.fit
-            if offset.is_beyond_references
-            else "heights over the ellipsoid, over the sea and over the take-off differ so; use points as "
-            "control points, which give the map their heights"
-        )
+        off = f"check points: the map lies {offset.rise} all of them alike, farther than its GPS explains"
         lines.append(
-            f"check points: the map lies {offset.rise} all of them alike, farther than its GPS explains: "
-            f"{why}"
+            warning(f"{off}: {offset.fit}")
+            if offset.is_beyond_references
+            else warning(
+                f"{off}: heights over the ellipsoid, over the sea and over the take-off differ so",
+                "use points as control points, which give the map their heights",
+            )
         )
     return lines
 
@@ -157,18 +164,19 @@ def offset_remarks(report: ControlReport) -> list[Message]:
     lines = []
     if offset.exceeds(slice(2)) and not offset.exceeds(slice(2), _DATUMS_M):
         lines.append(
-            Message(
+            warning(
                 f"control points: the GPS lies {length(offset.size_m)} off all of them alike ({offset.where} "
                 f"of them), far more than the {length(float(offset.fix_m[:2].max()))} that its fixes state: "
-                "another datum, or a base station that is off; the map is where the control points are: "
-                "check their coordinate system"
+                "another datum, or a base station that is off",
+                "the map is where the control points are: check their coordinate system",
             )
         )
     if offset.exceeds(slice(2, 3)) and not offset.is_beyond_references:
         lines.append(
-            as_note(
+            note(
                 f"the altitudes of the GPS lie {offset.rise} the control points, as those over another "
-                "reference do; the map has the heights of the control points"
+                "reference do",
+                "the map has the heights of the control points",
             )
         )
     return lines

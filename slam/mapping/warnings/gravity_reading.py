@@ -21,7 +21,7 @@ import numpy as np
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.imu_at_rest import GravityReading, gravity_reading
-from slam.core.messages import Message, as_note, as_reason
+from slam.core.messages import Message
 from slam.core.units import percent
 from slam.mapping.context import Context
 from slam.mapping.map import Map
@@ -50,7 +50,7 @@ def gravity_line(context: Context, map_: Map) -> GravityLine | None:
     if inertial is None or not inertial.helps:
         read = reading.warning if reading.is_missing else reading.reads
         return GravityLine(
-            reading.warning, as_note(read.extended("the lengths of the map do not rest on it"))
+            reading.warning, read.extended("the lengths of the map do not rest on it").as_note()
         )
     by_accelerometer = expected_length_error(
         reading, inertial.found.gain_slopes, config.trust.accel_gain_std, config.inertial.accel_offset_m_s2
@@ -64,18 +64,18 @@ def judged(reading: GravityReading, expected: float, stated: float | None) -> Gr
     """Return the line for a map whose lengths are ``expected`` to be wrong by this share, while it has
     ``stated`` their standard deviation."""
     if stated is not None and expected <= stated:
-        text = (
-            f"{_NO_MORE}. Part of it may be a wrong gain, which looks alike at rest; by the "
-            f"usual size of both it makes lengths of the map {percent(expected)} wrong, and the stated "
-            f"{percent(stated)} cover that"
+        covered = reading.reads.extended(
+            f"{_NO_MORE}. Part of it may be a wrong gain, which looks alike at rest",
+            f"by the usual size of both it makes lengths of the map {percent(expected)} wrong, and the "
+            f"stated {percent(stated)} cover that",
         )
-        return GravityLine(reading.warning, as_note(reading.reads.extended(text)))
-    text = (
-        f"lengths of the map rest on it and may be {percent(expected)} wrong for this "
-        "reason, more than is stated; measure one distance on the ground, or calibrate the scale of the "
-        "accelerometer"
+        return GravityLine(reading.warning, covered.as_note())
+    doubted = reading.reads.extended(
+        f"lengths of the map rest on it and may be {percent(expected)} wrong for this reason, more than is "
+        "stated",
+        "measure one distance on the ground, or calibrate the scale of the accelerometer",
     )
-    return GravityLine(reading.warning, as_reason(reading.reads.extended(text)))
+    return GravityLine(reading.warning, doubted.as_reason())
 
 
 def expected_length_error(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slam.core.flight import Flight
-from slam.core.messages import Message
+from slam.core.messages import Message, warning
 from slam.mapping.calibration.attitude_floor_tilt import NOTABLE_RAD, SURE, ZERO_STDS, AttitudeFloorTilt
 from slam.mapping.map import Map
 
@@ -21,9 +21,9 @@ def lean_warning(flight: Flight, map_: Map, tilt: AttitudeFloorTilt | None) -> M
     if size < max(ZERO_STDS * stated, NOTABLE_RAD) + SURE * std:
         return None
     control = bool(map_.bundle.optimum.problem.measurements.control)
-    return Message(
+    return warning(
         f"attitude0 leans by {np.degrees(size):.1f}° against the map, which the heights of "
         f"{'control points' if control else 'positions'} hold: heights across the map may be wrong by as "
-        "much; check the unit of these heights, and the mounting of the camera (T_BS)",
-        about="attitude0",
-    )
+        "much",
+        "check the unit of these heights, and the mounting of the camera (T_BS)",
+    ).concerning("attitude0")

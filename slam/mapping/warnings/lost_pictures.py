@@ -15,14 +15,17 @@ from slam.core.messages import Message, about
 from slam.mapping.front_end import Observations
 
 _HINTS = {
-    SAME_PICTURE: ("cam0", "did the camera freeze? What it passed then is missing from the map"),
+    SAME_PICTURE: ("cam0", ("did the camera freeze? What it passed then is missing from the map",)),
     TOO_FEW: (
         BARE_GROUND,
-        "is the floor without texture or light there? What lies there is missing from the map, unless other "
-        "pictures show it; if that ground matters, fly over it again higher, or lay out marks",
+        (
+            "is the floor without texture or light there? What lies there is missing from the map, unless "
+            "other pictures show it",
+            "if that ground matters, fly over it again higher, or lay out marks",
+        ),
     ),
 }
-"""Reason -> what is at fault, an instrument or the ground, and what to ask."""
+"""Reason -> what is at fault, an instrument or the ground, and the clauses of what to ask."""
 
 _MOST_STRETCHES, _NOTABLE_STRETCH = 3, 0.5
 """Number of stretches that are named, and their least length over that of the longest."""
@@ -36,7 +39,7 @@ def lost_picture_warnings(flight: Flight, observations: Observations) -> list[Me
     for frame, reason in observations.dropped.items():
         frames[reason.partition(", ")[0]].append(frame)  # what was tried beside is no reason of its own
     lines = list[Message]()
-    for reason, (at_fault, hint) in _HINTS.items():
+    for reason, (at_fault, (hint, *further)) in _HINTS.items():
         left_out = np.sort(np.array(frames[reason], dtype=np.int64))
         if len(left_out) <= NOTABLE_SHARE * observations.frames:
             continue
@@ -50,9 +53,9 @@ def lost_picture_warnings(flight: Flight, observations: Observations) -> list[Me
         lines.append(
             about(
                 at_fault,
-                f"{len(left_out)} of {observations.frames} pictures "
-                f"{either(len(left_out), 'is', 'are')} left out ({reason}), the "
-                f"longest stretch{'es' * (len(times) > 1)} {stretches}: {hint}",
+                f"{len(left_out)} of {observations.frames} pictures {either(len(left_out), 'is', 'are')} "
+                f"left out ({reason}), the longest stretch{'es' * (len(times) > 1)} {stretches}: {hint}",
+                *further,
             )
         )
     return lines

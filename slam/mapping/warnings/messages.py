@@ -13,7 +13,7 @@ from slam.core.flight import Flight
 from slam.core.flight_info import anomalies, fix_anomalies, missing_for_map
 from slam.core.instrument_errors import MountTilt
 from slam.core.lost_pictures import NOTABLE_SHARE
-from slam.core.messages import Kind, Message, as_note, as_reason, joined
+from slam.core.messages import Kind, Message, joined, note, parsed, warning
 from slam.core.names import listed
 from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
 from slam.mapping.calibration.antenna import antenna_place
@@ -118,7 +118,7 @@ def judged_anomalies(context: Context, map_: Map, gravity: GravityLine | None) -
         if gravity is not None and line == gravity.raw:
             yield gravity.judged
         else:
-            yield as_note(line) if line in dealt_with else line
+            yield line.as_note() if line in dealt_with else line
 
 
 def _graph_lines(map_: Map) -> list[Message]:
@@ -129,12 +129,13 @@ def _graph_lines(map_: Map) -> list[Message]:
     """
     solution = map_.graph
     if map_.bundle is None or not solution.contradictions:
-        return [*map(Message, (*solution.warnings, *solution.contradictions))]
-    scatter = as_note(
-        "pairs of pictures fit each other less exactly than was first assumed; the accuracy of this map "
-        "counts that: the refinement of all pictures together has measured how exactly they fit"
+        return [*map(parsed, (*solution.warnings, *solution.contradictions))]
+    scatter = note(
+        "pairs of pictures fit each other less exactly than was first assumed",
+        "the accuracy of this map counts that: the refinement of all pictures together has measured how "
+        "exactly they fit",
     )
-    return [*map(Message, solution.warnings), scatter]
+    return [*map(parsed, solution.warnings), scatter]
 
 
 def _reasons(
@@ -186,7 +187,7 @@ def _reasons(
         *_placement_warnings(map_, not_placed),
         vague_lengths_warning(map_) if by_metres else scale_warning(flight, map_, shares),
     ]
-    return [as_reason(line) for line in lines if line]
+    return [line.as_reason() for line in lines if line]
 
 
 def _motion_warnings(flight: Flight, map_: Map, metric: bool) -> list[Message]:
@@ -199,22 +200,26 @@ def _motion_warnings(flight: Flight, map_: Map, metric: bool) -> list[Message]:
     return contradictions(moments.others) or moments.lines(names)
 
 
-def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
+def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[Message]:
     """Report keyframes that are on no part, and keyframes of unknown uncertainty."""
     lines = []
     lost = [name for name, reason in not_placed.items() if reason == ALONE]
     if lost:
         lines.append(
-            f"{counted(len(lost), 'keyframe')} {ALONE}: not on the map ({listed(lost)}); look at "
-            f"{either(len(lost), 'it', 'them')}: fly slower or with more overlap if you need that ground, "
-            "and leave pictures of water or of another place out"
+            warning(
+                f"{counted(len(lost), 'keyframe')} {ALONE}: not on the map ({listed(lost)})",
+                f"look at {either(len(lost), 'it', 'them')}: fly slower or with more overlap if you need "
+                "that ground, and leave pictures of water or of another place out",
+            )
         )
     vague = int(((map_.component >= 0) & ~np.isfinite(map_.covariances).all(axis=(1, 2))).sum())
     if vague:
         lines.append(
-            f"no uncertainty is known for {counted(vague, 'keyframe: it', 'keyframes: they')} could not be "
-            f"refined, or the measurements do not determine {either(vague, 'it', 'them')}; do not measure "
-            "there"
+            warning(
+                f"no uncertainty is known for {counted(vague, 'keyframe: it', 'keyframes: they')} could "
+                f"not be refined, or the measurements do not determine {either(vague, 'it', 'them')}",
+                "do not measure there",
+            )
         )
     return lines
 
@@ -226,17 +231,18 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
     pictures = f"in {len(observations.moving)} of {observations.frames} pictures"
     if shared is not None and is_outside_covariances(shared) and "radial" in shared.coefficients:
         return [
-            Message(
+            warning(
                 f"{pictures} some features do not move as the others do, which a lens distortion explains "
-                "as well as moving things; they are left out of the map; calibrate the camera if nothing "
-                "moved"
+                "as well as moving things",
+                "they are left out of the map",
+                "calibrate the camera if nothing moved",
             )
         ]
     return [
-        as_note(
-            f"{pictures} something moves by itself, or the pattern of the floor repeats; features on it "
-            "are left out of the map, which is right but for that ground, where the mosaic may show "
-            "things cut or twice"
+        note(
+            f"{pictures} something moves by itself, or the pattern of the floor repeats",
+            "features on it are left out of the map, which is right but for that ground, where the mosaic "
+            "may show things cut or twice",
         )
     ]
 
@@ -302,7 +308,7 @@ def _systematic_warning(context: Context, map_: Map, shared: SystematicErrors | 
     if not line:
         return None
     reason = context.reason_still_fixed
-    antenna = [f"the antenna's place is held, because {reason}"] if reason else []
+    antenna = () if reason is None else reason.prefixed("the antenna's place is held, because").clauses
     contradicted = [f"{c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
     line = line.extended(*antenna, *contradicted)
-    return as_reason(line) if contradicted or is_outside_covariances(shared) else line
+    return line.as_reason() if contradicted or is_outside_covariances(shared) else line

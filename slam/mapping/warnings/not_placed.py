@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from backend.wording import counted
 from slam.core.flight import Flight
+from slam.core.messages import Message, parsed
 from slam.core.names import listed
 from slam.mapping.map import Map
 
@@ -22,13 +23,13 @@ def pictures_not_placed(flight: Flight, map_: Map) -> dict[str, str]:
     return {flight.frames.names[k]: reasons[k] for k in sorted(reasons)}
 
 
-def not_placed_warnings(not_placed: dict[str, str]) -> list[str]:
+def not_placed_warnings(not_placed: dict[str, str]) -> list[Message]:
     """Return one line for each reason, except that of keyframes without edges, which the status contains."""
     names: dict[str, list[str]] = {}
     for name, reason in not_placed.items():
         if reason != ALONE:
             names.setdefault(reason, []).append(name)
     return [
-        f"{counted(len(of), 'photograph')} not placed: {reason} ({listed(of)})"
+        parsed(f"{counted(len(of), 'photograph')} not placed: {reason} ({listed(of)})")
         for reason, of in names.items()
     ]

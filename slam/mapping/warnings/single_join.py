@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from backend.wording import counted
 from frontend.registration import Registration
 from slam.core.flight import Flight
+from slam.core.messages import Message, warning
 from slam.mapping.map import Map
 
 _LEAST_KEYFRAMES = 2
@@ -96,15 +97,17 @@ def _sorted(ends: tuple[int, int]) -> tuple[int, int]:
     return min(ends), max(ends)
 
 
-def single_join_warnings(flight: Flight, map_: Map, tied: NDArray[np.int64]) -> list[str]:
+def single_join_warnings(flight: Flight, map_: Map, tied: NDArray[np.int64]) -> list[Message]:
     """Return a line for each part that is joined so; none where positions place all parts."""
     if map_.georeferenced or flight.frames is None:
         return []
     names = flight.picture_names(flight.frames.stamps_s[map_.observations.frame_index])
     return [
-        f"{_pairs(join, names)} {counted(join.keyframes, 'keyframe')} to the others, and no instrument "
-        "confirms it: where the floor repeats, they may lie at a wrong place; compare the mosaic with the "
-        "ground there, or fly a second crossing"
+        warning(
+            f"{_pairs(join, names)} {counted(join.keyframes, 'keyframe')} to the others, and no instrument "
+            "confirms it: where the floor repeats, they may lie at a wrong place",
+            "compare the mosaic with the ground there, or fly a second crossing",
+        )
         for join in single_joins(map_, tied)
     ]
 

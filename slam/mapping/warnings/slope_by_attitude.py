@@ -11,13 +11,14 @@ from backend.bundle.factors import SLOPE
 from backend.bundle.graph import WORLD
 from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
+from slam.core.messages import Message, warning
 from slam.mapping.calibration.attitude_floor_tilt import NOTABLE_RAD, SURE, ZERO_STDS
 from slam.mapping.map import Map
 
 Array = NDArray[np.float64]
 
 
-def slope_by_attitude_warning(map_: Map) -> str:
+def slope_by_attitude_warning(map_: Map) -> Message | None:
     """Return a warning where the ground slopes notably by the attitude, and positions do not show it.
 
     A wrong zero of the attitude, or a wrong mount of the camera, then looks like a slope. The refinement
@@ -26,24 +27,26 @@ def slope_by_attitude_warning(map_: Map) -> str:
     bundle = map_.bundle
     attitudes = () if bundle is None else bundle.optimum.problem.measurements.attitudes
     if not map_.georeferenced or bundle is None or not attitudes:
-        return ""
+        return None
     turn = np.array(bundle.floor_slope_rad)
     size = float(np.linalg.norm(turn))
     stated = float(np.median([a.std_rad[:2].max() for a in attitudes]))
     if size < max(NOTABLE_RAD, ZERO_STDS * stated):
-        return ""
+        return None
     try:
         std = float(bundle.optimum.standard_deviations(WORLD)[SLOPE].max())
     except SingularMatrixError:
-        return ""
+        return None
     by_positions = _std_by_positions(bundle, np.array([-turn[1], turn[0]]) / size)
     if size < SURE * std or size > SURE * by_positions:
-        return ""
-    return (
+        return None
+    return warning(
         f"the ground of the map slopes by {np.degrees(size):.1f}° because attitude0 differs so from "
-        f"the floor in the pictures; positions alone determine it to ± {np.degrees(by_positions):.1g}° "
-        "only, so it may also be the camera's mounting (T_BS) or the zero of the attitude: heights across "
-        "the map may be wrong by as much; check the mounting with the vehicle level, or fly over more ground"
+        f"the floor in the pictures",
+        f"positions alone determine it to ± {np.degrees(by_positions):.1g}° only, so it may also be the "
+        "camera's mounting (T_BS) or the zero of the attitude: heights across the map may be wrong by as "
+        "much",
+        "check the mounting with the vehicle level, or fly over more ground",
     )
 
 

@@ -80,14 +80,15 @@ def stated_lens_warning(stated: Camera, map_: Map, camera_file: str) -> Message:
     if not is_uncertain(pinhole_model(stated)):
         return about(
             "cam0",
-            "the stated lens, held as exact, contradicts the pictures; this map has an estimated one "
-            f"instead, with {estimate}; calibrate the camera and correct its numbers in {camera_file}",
+            "the stated lens, held as exact, contradicts the pictures",
+            f"this map has an estimated one instead, with {estimate}",
+            f"calibrate the camera and correct its numbers in {camera_file}",
         )
     return about(
         "cam0",
-        f"{declared}, with what else is told of its lens, contradicts the pictures and positions; this "
-        f"map has {estimate} instead, as estimated; calibrate the camera and correct its numbers in "
-        f"{camera_file}",
+        f"{declared}, with what else is told of its lens, contradicts the pictures and positions",
+        f"this map has {estimate} instead, as estimated",
+        f"calibrate the camera and correct its numbers in {camera_file}",
     )
 
 
@@ -130,8 +131,9 @@ def refuted_antenna_warning(
     name, pattern = _PATTERN["position offset"]
     return about(
         name,
-        f"{pattern} ({offset}), so the antenna is not {held}; this map has it at {here}, "
-        "as estimated; measure its place, and state it in T_BS of gps0/sensor.yaml (slam import writes this "
+        f"{pattern} ({offset}), so the antenna is not {held}",
+        f"this map has it at {here}, as estimated",
+        "measure its place, and state it in T_BS of gps0/sensor.yaml (slam import writes this "
         "file for photographs)",
     )
 
@@ -177,7 +179,7 @@ def _described(
         causes = "a camera that looks elsewhere than T_BS and the attitude say, as one that looks ahead"
     advice = (_TURNED if turned else _ADVICE[first]).format(camera_file=camera_file)
     name, pattern = _PATTERN[first]
-    return about(name, f"{pattern} ({terms}), likely by {causes}; {effect}; {advice}")
+    return about(name, f"{pattern} ({terms}), likely by {causes}", effect, advice)
 
 
 def _looks_elsewhere(found: SystematicErrors, camera: Camera) -> bool:

@@ -79,8 +79,8 @@ class WrongMoments:
             "cam0",
             f"from {names[first]} to {names[last]} the map moves otherwise than {streams}: pictures "
             "there are in another order, were not taken when their stamps say, or are of another camera or "
-            "zoom, unless the instruments lost readings together; such pictures may bend the whole map: "
-            "correct their stamps or leave them out, and run again",
+            "zoom, unless the instruments lost readings together",
+            "such pictures may bend the whole map: correct their stamps or leave them out, and run again",
         )
 
 

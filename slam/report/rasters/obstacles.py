@@ -13,7 +13,7 @@ from frontend.elevation import Elevation
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.obstacles import ObstacleList, standing_on
 from slam.core.estimate import Estimate
-from slam.core.messages import Message, about, as_note, joined
+from slam.core.messages import Message, about, joined
 from slam.core.units import length, unit
 from slam.report.rasters.surface import MeasuredGround
 
@@ -57,12 +57,11 @@ def _note(found: ObstacleList, metric: bool) -> Message:
     """Return what the pictures show, in one line; echoes have one of their own (`slam.mapping.obstacles`)."""
     shown = found.by_pictures
     largest, highest = shown[0], max(shown, key=lambda one: one.height_m)
-    return as_note(
-        about(
-            "obstacles",
-            f"the pictures show {counted(len(shown), 'thing that stands', 'things that stand')} higher than "
-            f"{length(found.above_m, metric)} on the ground, the highest {length(highest.height_m, metric)}, "
-            f"the largest around x = {largest.x_m:.1f}, y = {largest.y_m:.1f} {unit(metric)} (all of them: "
-            "obstacles in summary.json); they keep heights of their own, and bend no map",
-        )
-    )
+    return about(
+        "obstacles",
+        f"the pictures show {counted(len(shown), 'thing that stands', 'things that stand')} higher than "
+        f"{length(found.above_m, metric)} on the ground, the highest {length(highest.height_m, metric)}, "
+        f"the largest around x = {largest.x_m:.1f}, y = {largest.y_m:.1f} {unit(metric)} (all of them: "
+        "obstacles in summary.json)",
+        "they keep heights of their own, and bend no map",
+    ).as_note()

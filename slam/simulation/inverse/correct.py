@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from slam.core.flight import Flight
+from slam.core.messages import Message, warning
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE, Term
 
@@ -25,11 +26,11 @@ class CorrectedFlight:
     uncorrected: tuple[str, ...]
     """Names of terms that cannot be undone: their effect is a loss or random."""
 
-    def summary(self, model: Model) -> str:
+    def summary(self, model: Model) -> Message:
         """Return one line about the corrected and the uncorrected terms."""
         done = ", ".join(self.corrected_terms) or "nothing that changes a reading of this flight"
-        rest = f"; left as it is: {', '.join(self.uncorrected)}" if self.uncorrected else ""
-        return f"model {model.name!r} taken out of the readings: {done}{rest}"
+        rest = f"left as it is: {', '.join(self.uncorrected)}" if self.uncorrected else ""
+        return warning(f"model {model.name!r} taken out of the readings: {done}", rest)
 
 
 def corrections() -> list[Term]:

@@ -15,7 +15,7 @@ from slam.cli import app
 from slam.cli.output_folder import OPTIMIZE_NAMES, RASTERS_IN_SYSTEM, output_folder
 from slam.cli.results import _write_in_system
 from slam.core.geodesy import GeoOrigin, geodetic_from_enu
-from slam.core.messages import Kind, as_message
+from slam.core.messages import Kind
 from slam.core.streams import Gps
 from slam.io.exports.geotiff import RASTERS
 from slam.io.flight_folder import write_flight
@@ -86,7 +86,7 @@ def test_the_files_belong_to_the_output_that_a_new_run_replaces(tmp_path):
 
 def test_a_map_is_kept_whose_rasters_the_system_cannot_hold(tmp_path):
     (warning,) = _write_in_system(tmp_path, elevation(tmp_path, GeoOrigin(10.0, 180.0, 0.0)), "EPSG:3857")
-    assert as_message(warning).kind is Kind.WARNING
+    assert warning.kind is Kind.WARNING
     assert "elevation.tif lies across" in str(warning)
     assert os.listdir(tmp_path) == ["elevation.tif"]
 

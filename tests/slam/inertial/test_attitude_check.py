@@ -83,7 +83,7 @@ def test_a_healthy_flight_is_not_told(flight: Flight):
 @pytest.mark.parametrize("kind", WRONG)
 def test_contradictions_are_told_with_their_cause(flight: Flight, kind: str):
     damage, words = WRONG[kind]
-    assert words in "; ".join(attitude_contradictions(damage(flight)))
+    assert words in "; ".join(map(str, attitude_contradictions(damage(flight))))
 
 
 def test_nothing_is_told_where_nothing_turns_or_is_compared(flight: Flight):

@@ -102,7 +102,7 @@ def test_axes_that_change_in_mid_flight_are_told():
     flight = made_flight(1, seconds=60.0)
     v, stamps_s = flight.velocity.v_m_s, flight.velocity.stamps_s
     late = (stamps_s > stamps_s[0] + 45.0)[:, None]
-    line = velocity_contradiction(with_velocity(flight, np.where(late, -v, v)))
+    line = str(velocity_contradiction(with_velocity(flight, np.where(late, -v, v))))
     assert line.startswith("from 45.0 to 60.0 s velocity0 changes as imu0 shows with both axes turned round")
 
 

@@ -15,7 +15,7 @@ from backend.ekf import records as status
 from slam.cli import app
 from slam.cli.estimate import figures
 from slam.core.errors import InputError
-from slam.core.messages import joined
+from slam.core.messages import joined, warning
 from slam.core.progress import COMPILING
 from slam.core.units import length
 from slam.evaluation import evaluate
@@ -219,7 +219,7 @@ def test_downweighted_readings_are_not_reported_as_rejected(flight, navigation):
 
 
 def test_long_list_of_warnings_is_truncated_with_a_count(navigation):
-    many = replace(navigation.estimate, messages=joined(*(f"w{k}" for k in range(12))))
+    many = replace(navigation.estimate, messages=joined(*(warning(f"w{k}") for k in range(12))))
     rows = figures(replace(navigation, estimate=many)).rows
     assert [text for name, text in rows if name == "warning"] == [f"w{k}" for k in range(8)]
     assert rows[-1] == ("", "and 4 more messages in summary.json")
@@ -292,4 +292,6 @@ def test_offset_that_no_imu_has_is_in_the_status(navigation):
     assert _implausible_offsets(states, trust) == []
     off = {**states.errors, "gyro_offset": states.errors["gyro_offset"] + [0.0, 0.0, 0.175]}
     (line,) = _implausible_offsets(replace(states, errors=off), trust)
-    assert line.startswith("the gyro and the other instruments contradict each other (it would be off by 0.1")
+    assert str(line).startswith(
+        "the gyro and the other instruments contradict each other (it would be off by 0.1"
+    )

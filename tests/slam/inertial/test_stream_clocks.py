@@ -66,14 +66,14 @@ def test_a_gyro_or_attitude_that_is_set_forward_is_set_right(flight: Flight, nam
     assert np.abs(difference_s).max() < 1e-6
     (line,) = fixed.warnings
     assert line.startswith(f"{name}0: its clock steps by {step_s:+.3f} s at 1")
-    assert clock_step_left(fixed) == ""
+    assert clock_step_left(fixed) is None
 
 
 @pytest.mark.parametrize("name", ["imu", "attitude"])
 def test_a_gyro_or_attitude_that_is_set_back_is_told(flight: Flight, name: str):
     moved = stepped(flight, name, -0.3)
     assert without_clock_steps(moved) is moved
-    assert "the clock of attitude0 steps against that of imu0 by" in clock_step_left(moved)
+    assert "the clock of attitude0 steps against that of imu0 by" in str(clock_step_left(moved))
 
 
 def test_a_velocity_that_is_set_forward_is_set_right(flight: Flight):
@@ -94,14 +94,14 @@ def test_a_velocity_that_is_set_back_is_told(flight: Flight):
     moved = stepped(flight, "velocity", -1.0)
     unchanged, (line,) = set_right(moved)
     assert unchanged is moved
-    assert "the clock of velocity0 steps against that of imu0 by -" in line
+    assert "the clock of velocity0 steps against that of imu0 by -" in str(line)
 
 
 @pytest.mark.parametrize("name", ["imu", "attitude", "velocity", "sonar"])
 def test_time_that_was_lost_is_no_step_of_the_clock(flight: Flight, name: str):
     gap = lost(flight, name, 1.0)
     assert without_clock_steps(gap) is gap
-    assert clock_step_left(gap) == ""
+    assert clock_step_left(gap) is None
     same, left = set_right(gap)
     assert same is gap
     assert left == []

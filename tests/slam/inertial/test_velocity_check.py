@@ -35,15 +35,15 @@ def reading(flight: Flight, v_m_s: np.ndarray) -> Flight:
 
 
 def test_a_healthy_velocity_is_not_contradicted(flight: Flight):
-    assert velocity_contradiction(flight) == ""
-    assert velocity_contradiction(replace(flight, attitude=None)) == ""
-    assert velocity_contradiction(reading(flight, 0.8 * flight.velocity.v_m_s)) == ""
+    assert velocity_contradiction(flight) is None
+    assert velocity_contradiction(replace(flight, attitude=None)) is None
+    assert velocity_contradiction(reading(flight, 0.8 * flight.velocity.v_m_s)) is None
 
 
 def test_nothing_is_told_where_there_is_nothing_to_compare(flight: Flight):
-    assert velocity_contradiction(replace(flight, velocity=None)) == ""
-    assert velocity_contradiction(replace(flight, imu=None)) == ""
-    assert velocity_contradiction(reading(flight, np.full_like(flight.velocity.v_m_s, np.nan))) == ""
+    assert velocity_contradiction(replace(flight, velocity=None)) is None
+    assert velocity_contradiction(replace(flight, imu=None)) is None
+    assert velocity_contradiction(reading(flight, np.full_like(flight.velocity.v_m_s, np.nan))) is None
 
 
 @pytest.mark.parametrize("with_attitude", [True, False])
@@ -56,7 +56,7 @@ def test_wrong_velocities_are_told_with_their_cause(flight: Flight, with_attitud
         (100 * v, "unit?"),
         (0.1 * v, "unit?"),
     ):
-        assert cause in velocity_contradiction(reading(flight, wrong))
+        assert cause in str(velocity_contradiction(reading(flight, wrong)))
 
 
 def test_velocities_are_not_compared_across_a_pause(turning: Flight):
@@ -64,25 +64,25 @@ def test_velocities_are_not_compared_across_a_pause(turning: Flight):
     assert turning.imu is not None
     middle_s = float(np.median(turning.imu.stamps_s))
     paused = turning.restamped(VEHICLE_CLOCK_STREAMS, lambda t: t + 60.0 * (t > middle_s))
-    assert velocity_contradiction(paused) == ""
+    assert velocity_contradiction(paused) is None
     inputs = filter_input(paused)
     at_s = np.arange(inputs.start_s, inputs.end_s, 0.5)
     std_m = np.where(at_s > middle_s + 30, 400.0, 0.1)
     (line,) = _lost_in_pauses(inputs, at_s, std_m)
-    assert re.match(r"neither IMU, velocity nor position was recorded from .* s \(±4e\+02 m\)", line)
+    assert re.match(r"neither IMU, velocity nor position was recorded from .* s \(±4e\+02 m\)", str(line))
     assert _lost_in_pauses(inputs, at_s, np.full(len(at_s), 0.1)) == []
     assert _lost_in_pauses(filter_input(turning), at_s, std_m) == []
     wrong = reading(paused, -turning.velocity.v_m_s)
-    assert "both axes turned round" in velocity_contradiction(wrong)
+    assert "both axes turned round" in str(velocity_contradiction(wrong))
 
 
 def test_swapped_axes_are_told():
     recipe = load_recipe("square")
     brisk = replace(recipe.maneuver, cruise_m_s=1.0, acceleration_m_s2=3.0)
     flight = simulate(replace(recipe, camera=None, maneuver=brisk), seed=5)
-    assert velocity_contradiction(flight) == ""
+    assert velocity_contradiction(flight) is None
     told = velocity_contradiction(reading(flight, flight.velocity.v_m_s[:, ::-1]))
-    assert "with forward and left exchanged" in told
+    assert "with forward and left exchanged" in str(told)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -92,10 +92,10 @@ def test_wrong_axes_of_a_calm_flight_that_turns_are_named(seed: int):
     flight = flown(seed, maneuver=laps)
     flight = replace(flight, camera=None, frames=None)
     v = flight.velocity.v_m_s
-    assert velocity_contradiction(flight) == ""
-    assert "with forward and left exchanged" in velocity_contradiction(reading(flight, v[:, ::-1]))
-    assert "with forward turned round" in velocity_contradiction(reading(flight, v * [-1, 1]))
-    assert "with both axes turned round" in velocity_contradiction(reading(flight, -v))
+    assert velocity_contradiction(flight) is None
+    assert "with forward and left exchanged" in str(velocity_contradiction(reading(flight, v[:, ::-1])))
+    assert "with forward turned round" in str(velocity_contradiction(reading(flight, v * [-1, 1])))
+    assert "with both axes turned round" in str(velocity_contradiction(reading(flight, -v)))
 
 
 @pytest.mark.parametrize("error_m_s", [(0.9, -0.9), (0.0, 1.2), (20.0, 0.0)])
@@ -104,9 +104,9 @@ def test_another_zero_of_the_velocity_is_told_where_the_vehicle_turns(
     turning: Flight, error_m_s: tuple[float, float], gain: float
 ):
     v_m_s = gain * turning.velocity.v_m_s
-    assert velocity_contradiction(reading(turning, v_m_s)) == ""
+    assert velocity_contradiction(reading(turning, v_m_s)) is None
     told = velocity_contradiction(reading(turning, v_m_s + error_m_s))
-    found = re.search(r"error of about (\S+) m/s forward and (\S+) m/s left, as the turns", told)
+    found = re.search(r"error of about (\S+) m/s forward and (\S+) m/s left, as the turns", str(told))
     assert found is not None
     assert np.array(found.groups(), float) == pytest.approx(error_m_s, abs=0.15, rel=0.05)
 

@@ -22,7 +22,7 @@ from slam.core.errors import InputError
 from slam.core.estimate import Estimate, GroundFacts, LoopVerdict
 from slam.core.floor_points import FloorPoints
 from slam.core.geodesy import GeoOrigin
-from slam.core.messages import about, as_note, as_reason
+from slam.core.messages import about, note, reason
 from slam.io.estimate import read_estimate, write_estimate
 from slam.io.estimate_text import loops_text, trajectory_text
 from tests.slam.evaluation.scene import estimate_of, smooth_poses
@@ -54,7 +54,7 @@ def full_estimate(seed=0, count=20) -> Estimate:
         not_drawn={"b.jpg": "black or blown out"},
         partly_drawn={"c.jpg": "40 % of its ground is far away"},
         timing_s={"solve": 0.1},
-        messages=(as_reason("one"), about("gps0", "two"), as_note("three")),
+        messages=(reason("one"), about("gps0", "two"), note("three")),
         iterations=9,
         accuracy_basis="one height sensor alone",
         information_shares={"scale": {"sonar0": 0.75, "imu0": 0.25}},

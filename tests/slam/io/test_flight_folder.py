@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from slam.core.errors import InputError
 from slam.core.flight import Flight
+from slam.core.messages import parsed
 from slam.core.streams import (
     FIELD_BY_FOLDER,
     STREAMS,
@@ -288,7 +289,7 @@ def test_warnings_are_read_back_and_kept(tmp_path):
         "accuracy of the GPS: assumed",
         "# \u2028 'x': [y",
     )
-    write_flight(made_flight().with_warning(*expected), tmp_path / "a")
+    write_flight(made_flight().with_warning(*map(parsed, expected)), tmp_path / "a")
     once = read_flight(tmp_path / "a")
     assert once.warnings == (*expected[:2], "# \N{REPLACEMENT CHARACTER} 'x': [y"), (
         "hostile text stays one line"

@@ -23,7 +23,7 @@ def picture(path, channels, least):
 def test_transparent_pixels_are_told(tmp_path, suffix, channels, least, told):
     whole = picture(tmp_path / f"whole.{suffix}", 3, 255)
     found = transparent_pixels([whole, picture(tmp_path / f"other.{suffix}", channels, least)])
-    assert [line.startswith("pictures have transparent pixels (1 of 2 that") for line in found] == [
+    assert [str(line).startswith("pictures have transparent pixels (1 of 2 that") for line in found] == [
         True
     ] * told
 

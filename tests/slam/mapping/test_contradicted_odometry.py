@@ -87,8 +87,8 @@ def test_a_step_that_many_pairs_contradict_alike_is_left_out_and_they_stay(monke
     pairs = {(r.i, r.j) for r in left.registrations}
     assert pairs == {(i, j) for i, j in CHAIN if not i <= STEP < j} | set(LOOPS)
     assert left.contradicted_steps == (step,)
-    assert "18 pairs of pictures agree with each other and contradict the odometry by 0.4 m" in step.sentence(
-        str
+    assert "18 pairs of pictures agree with each other and contradict the odometry by 0.4 m" in str(
+        step.sentence(str)
     )
 
 
@@ -101,7 +101,7 @@ def test_no_more_pairs_than_links_decide_nothing_but_are_told(monkeypatch):
     chain, found, step = judged(monkeypatch, LOOPS[:3])
     assert step is not None
     assert not step.left_out
-    assert "too few to tell which is wrong" in step.sentence(str)
+    assert "too few to tell which is wrong" in str(step.sentence(str))
     assert without_step(found, chain, step).registrations == found.registrations
 
 

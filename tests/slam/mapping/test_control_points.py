@@ -65,7 +65,7 @@ def test_a_wrong_point_is_named_and_left_out():
     assert verdict.used.tolist() == [False] + [True] * 5 + [False] * 3
     report = verdict.report(bundle, verdict.used)
     (line,) = control_warnings(report)
-    assert "1 of 6 contradicts the others and the pictures, and is not used: P0 by 9.9" in line
+    assert "1 of 6 contradicts the others and the pictures, and is not used: P0 by 9.9" in str(line)
     wrong, *_, check, last = report.points
     assert wrong.residual_m == pytest.approx((-10.0, 0.0, 0.0), abs=0.3)
     assert check.residual_m == pytest.approx(tuple(places[7] - points[7].w_p_m), abs=0.1)
@@ -90,7 +90,7 @@ def test_too_few_points_are_not_used_and_said():
     report = verdict.report(bundle, verdict.used)
     assert [p.reason for p in report.points] == ["2 can be used, and 3 are needed"] * 2
     (line,) = control_warnings(report)
-    assert "none is used: 2 of 2 can be placed, and 3 are needed" in line
+    assert "none is used: 2 of 2 can be placed, and 3 are needed" in str(line)
 
 
 def test_a_point_with_a_fault_is_said_to_contradict_nothing():

@@ -16,7 +16,7 @@ from backend.measurements import LinkCheck, Rejection
 from slam.cli.tables import outcome_table
 from slam.core.estimate import LoopVerdict
 from slam.core.geodesy import GeoOrigin
-from slam.core.messages import CHECKED_BY_ONE_DISTANCE, as_message, as_reason
+from slam.core.messages import CHECKED_BY_ONE_DISTANCE, reason, warning
 from slam.core.plot_style import ground_labels
 from slam.core.streams import Truth
 from slam.core.summary import summarise
@@ -70,7 +70,7 @@ def test_hostile_names_stay_text():
         frame_names=(HOSTILE,) * len(estimate.frame_names),
         loops=(*estimate.loops, hostile_loop),
         rejected={HOSTILE: 3},
-        messages=(as_reason(HOSTILE), as_message("lone surrogate \udcff")),
+        messages=(reason(HOSTILE), warning("lone surrogate \udcff")),
     )
     flight = replace(made_flight(), name=HOSTILE, landmarks={HOSTILE: np.zeros(3)})
     html = render(estimate, summarise(estimate), flight)
@@ -344,8 +344,8 @@ def test_words_are_explained_where_the_page_has_them():
     for word in ("sensor.yaml, T_BS", "Inertial measurement unit"):
         found = [word in page(estimate, made_flight()).text for estimate in (without, named)]
         assert found == [False, True]
-    reason = "velocity0 reads 3.28 times the speed; check scale_std in velocity0/sensor.yaml"
-    in_status = replace(without, messages=(as_reason(reason),))
+    said = reason("velocity0 reads 3.28 times the speed", "check scale_std in velocity0/sensor.yaml")
+    in_status = replace(without, messages=(said,))
     assert "sensor.yaml, T_BS" in page(in_status, made_flight()).text, "the status stands above the rest"
 
 

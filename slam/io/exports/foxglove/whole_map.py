@@ -11,7 +11,7 @@ from frontend.camera import Camera
 from frontend.workers import Workers
 from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
-from slam.core.messages import Kind, Message, by_kind
+from slam.core.messages import Kind, by_kind, parsed
 from slam.core.names import listed
 from slam.core.streams import Frames
 from slam.io.exports.bag_messages import BODY, CAMERA, WORLD
@@ -103,9 +103,8 @@ def _write_once(file: FoxgloveFile, exported: ExportedMap) -> list[str]:
     """Write what belongs to no single keyframe at the first stamp, and return notes."""
     estimate, keyframes, camera = exported.estimate, exported.keyframes, exported.estimate.camera
     first_ns, notes = int(keyframes.stamps_ns[0]), []
-    status = Message(
-        f"status: {estimate.status}", Kind.REASON if by_kind(estimate.messages).reasons else Kind.NOTE
-    )
+    status = parsed(f"status: {estimate.status}")
+    status = status.as_reason() if by_kind(estimate.messages).reasons else status.as_note()
     for message in (status, *estimate.messages):
         is_warning = message.kind is not Kind.NOTE
         file.add("/slam/log", first_ns, messages.log(first_ns, one_line(message.text), is_warning=is_warning))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from slam.core.messages import warning
 from slam.io.files import brief, refusal
 from slam.io.recordings.foxglove.messages import TRANSFORMS, decoder, meaning_of
 from slam.io.recordings.mcap_file import McapChannel, McapFile
@@ -72,14 +73,18 @@ class FoxgloveBag(OpenBag):
             yield connection, time_ns, connection.message(data)
 
 
-def _damage(file: McapFile) -> tuple[str, ...]:
+def _damage(file: McapFile) -> tuple[Message, ...]:
     lines = []
     if file.lost_bytes:
         lines.append(
-            f"{file.lost_bytes:,} bytes are damaged or cut short, and were passed over; {COPY_AGAIN}"
+            warning(
+                f"{file.lost_bytes:,} bytes are damaged or cut short, and were passed over", f"{COPY_AGAIN}"
+            )
         )
     if not file.has_end:
-        lines.append(f"the file ends without the record of its end: later messages are lost; {COPY_AGAIN}")
+        lines.append(
+            warning("the file ends without the record of its end: later messages are lost", COPY_AGAIN)
+        )
     return tuple(lines)
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
 from backend.wording import counted
+from slam.core.messages import warning
 from slam.io.body_axes import angles_from_aviation
 from slam.io.files import refusal
 from slam.io.recordings.logs import field_values
@@ -133,10 +134,15 @@ def open_recording(path: Path) -> Recording:
     warnings = []
     if lost:
         warnings.append(
-            f"{counted(lost, 'byte holds', 'bytes hold')} no packet, damaged or cut short; {COPY_AGAIN}"
+            warning(
+                f"{counted(lost, 'byte holds', 'bytes hold')} no packet, damaged or cut short",
+                COPY_AGAIN,
+            )
         )
     if timeless:
-        warnings.append(f"{counted(timeless, 'packet has', 'packets have')} no time; record with all options")
+        warnings.append(
+            warning(f"{counted(timeless, 'packet has', 'packets have')} no time", "record with all options")
+        )
     return field_recording(path, DESCRIPTION, series, RULES, tuple(warnings), {"vehicle": "AR.Drone"})
 
 

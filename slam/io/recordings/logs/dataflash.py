@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted, either
-from slam.core.messages import as_note
+from slam.core.messages import note, warning
 from slam.io.body_axes import angles_from_aviation
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import refusal
@@ -35,7 +35,7 @@ MARKS = b"\xa3\x95"
 _FMT = 128
 _US_PER_MS = 1000
 _CENTIVOLT = 0.01
-_TAKEN_AS_DOWN = as_note("the log does not state where the sensor looks: taken as facing down")
+_TAKEN_AS_DOWN = note("the log does not state where the sensor looks: taken as facing down")
 _INSTANCES = ("I", "Instance", "Inst")
 """Names of the field that distinguishes several sensors of one kind."""
 _CODES: dict[str, tuple[str, float]] = {
@@ -224,11 +224,18 @@ def open_recording(path: Path) -> Recording:
     unread = [(name, name, count) for name, count in sorted(counts.items()) if count and name not in used]
     damage = (
         *[
-            f"{counted(lost, 'byte')} of the log {either(lost, 'holds', 'hold')} no message, damaged or cut "
-            f"short; {COPY_AGAIN}"
+            warning(
+                f"{counted(lost, 'byte')} of the log {either(lost, 'holds', 'hold')} no message, damaged "
+                "or cut short",
+                COPY_AGAIN,
+            )
         ]
         * bool(lost),
-        *[f"{counted(late, 'message has', 'messages have')} a stamp that no clock has; {COPY_AGAIN}"]
+        *[
+            warning(
+                f"{counted(late, 'message has', 'messages have')} a stamp that no clock has", f"{COPY_AGAIN}"
+            )
+        ]
         * bool(late),
     )
     return field_recording(path, DESCRIPTION, series, rules, damage, _metadata(series), unread)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.height_systems import SEA_LEVEL
-from slam.core.messages import Line
+from slam.core.messages import Message
 from slam.core.progress import Progress
 from slam.io.recordings.logs.field_values import Converted, Fields
 from slam.io.recordings.recording import Content, Offer, Recording, StreamReadings
@@ -58,7 +58,7 @@ def field_recording(
     description: str,
     series: Mapping[str, FieldSeries],
     rules: Sequence[FieldRule],
-    warnings: tuple[Line, ...] = (),
+    warnings: tuple[Message, ...] = (),
     metadata: Mapping[str, str] = MappingProxyType({}),
     unread: Iterable[tuple[str, str, int]] = (),
 ) -> Recording:

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted, either
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note
 from slam.io.body_axes import body_from_frd
 
 Array = NDArray[np.float64]
 Fields = Mapping[str, NDArray[np.generic]]
 """Name of a field -> its values (n,)."""
-Converted = tuple[Array, tuple[Line, ...]]
+Converted = tuple[Array, tuple[Message, ...]]
 """Values (n, c) in the columns of the flight format, and notes."""
 
 NS_PER_US = 1000
@@ -65,7 +65,7 @@ def only_down(range_m: Array, is_down: NDArray[np.bool_], is_valid: NDArray[np.b
     """Return ranges (n, 1) of sensors that look down; NaN for others and for invalid readings."""
     aside = int((~is_down).sum())
     left_out = f"{either(aside, 'is', 'are')} left out"
-    notes = (as_note(f"{counted(aside, 'reading')} of sensors that do not look down {left_out}"),)
+    notes = (note(f"{counted(aside, 'reading')} of sensors that do not look down {left_out}"),)
     return np.where(is_down & is_valid, range_m, np.nan)[:, None], notes * bool(aside)
 
 
@@ -79,4 +79,4 @@ def flow_velocity(flow_rad_s: Array, range_m: Array, is_valid: NDArray[np.bool_]
     rate = flow_rad_s * range_m[:, None]
     values = np.column_stack([rate[:, 1], rate[:, 0]])
     values[~is_valid | ~np.isfinite(values).all(axis=1)] = np.nan
-    return values, (as_note("from flow times distance; body axes taken as level"),)
+    return values, (note("from flow times distance", "body axes taken as level"),)

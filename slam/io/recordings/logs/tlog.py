@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
 from backend.wording import counted, either
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note, warning
 from slam.io.body_axes import angles_from_aviation, angles_from_ned_quaternion
 from slam.io.files import refusal
 from slam.io.gps_accuracy import with_accuracy
@@ -154,17 +154,20 @@ def open_recording(path: Path) -> Recording:
         {number: each for (sender, number), each in messages.items() if sender == system}
     )
     rules = (*RULES, *(_ardupilot_rules(series) if autopilot == "ArduPilot" else ()))
-    warnings: list[Line] = [
-        as_note("stamps are those of the autopilot, placed in the calendar by the earliest reception")
+    warnings: list[Message] = [
+        note("stamps are those of the autopilot, placed in the calendar by the earliest reception")
     ]
     if lost:
         warnings.append(
-            f"{counted(lost, 'byte')} of the log {either(lost, 'holds', 'hold')} no packet, damaged or cut "
-            f"short; {COPY_AGAIN}"
+            warning(
+                f"{counted(lost, 'byte')} of the log {either(lost, 'holds', 'hold')} no packet, damaged "
+                "or cut short",
+                COPY_AGAIN,
+            )
         )
     if doubles:
         line = f"{counted(doubles, 'message was', 'messages were')} received twice, and one of each counts"
-        warnings.append(as_note(line))
+        warnings.append(note(line))
     metadata = {"vehicle": autopilot} if autopilot else {}
     unread = [(f"message {number}", "MAVLink", count) for number, count in sorted(others.items())]
     return field_recording(path, DESCRIPTION, series, rules, tuple(warnings), metadata, unread)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backend.wording import counted
+from slam.core.messages import Message, warning
 from slam.io.body_axes import angles_from_ned_quaternion
 from slam.io.gps_accuracy import with_accuracy
 from slam.io.recordings.logs import field_values
@@ -47,9 +48,10 @@ def _attitude(fields: Fields) -> Converted:
     if "quat_reset_counter" in fields:
         resets = int((np.diff(column(fields, "quat_reset_counter")) != 0).sum())
     notes = (
-        f"the autopilot's filter reset its attitude {counted(resets, 'time')}, at which the yaw may step; "
-        "check the "
-        "heading there",
+        warning(
+            f"the autopilot's filter reset its attitude {counted(resets, 'time')}, at which the yaw may step",
+            "check the heading there",
+        ),
     )
     return angles_from_ned_quaternion(columns(fields, *_names("q", 4))), notes * bool(resets)
 
@@ -216,20 +218,24 @@ class _EndingFile(io.BufferedReader):
         return data
 
 
-def _damage(log: ULog, cut: bool) -> tuple[str, ...]:
+def _damage(log: ULog, cut: bool) -> tuple[Message, ...]:
     lines = []
     if log.dropouts:
         lost_s = sum(dropout.duration for dropout in log.dropouts) * 1e-3
         lines.append(
-            f"the logger lost data {counted(len(log.dropouts), 'time')}, {lost_s:.2f} s in all; use a "
-            "faster card, or "
-            "log less"
+            warning(
+                f"the logger lost data {counted(len(log.dropouts), 'time')}, {lost_s:.2f} s in all",
+                "use a faster card, or log less",
+            )
         )
     if log.file_corruption:
-        lines.append(f"part of the log is damaged and was skipped; {COPY_AGAIN}")
+        lines.append(warning("part of the log is damaged and was skipped", COPY_AGAIN))
     elif cut:
         lines.append(
-            f"the log ends within a message: it was cut short, and what came after is lost; {COPY_AGAIN}"
+            warning(
+                "the log ends within a message: it was cut short, and what came after is lost",
+                COPY_AGAIN,
+            )
         )
     return tuple(lines)
 

@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from slam.core.messages import Message, warning
 from slam.io.recordings.readers import damage_reported, optional_reader
 from slam.io.recordings.recording import COPY_AGAIN
 from slam.io.recordings.ros.messages import TRANSFORM_KINDS
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
-Message = Any
+RosMessage = Any
 
 DESCRIPTION = "a ROS bag"
 
@@ -41,8 +42,10 @@ class Bag(OpenBag):
             self._open()
         if any(c.msgtype.startswith(PACKAGE) and not self.is_defined(c.msgtype) for c in self.connections):
             self.warnings += (
-                "the bag lacks the definitions of PX4's messages, so they are not read; ROS 2 before Iron "
-                "stores them in MCAP only: ros2 bag record -s mcap",
+                warning(
+                    "the bag lacks the definitions of PX4's messages, so they are not read",
+                    "ROS 2 before Iron stores them in MCAP only: ros2 bag record -s mcap",
+                ),
             )
         weakref.finalize(self, self.reader.close)
         with damage_reported(path, DESCRIPTION):
@@ -62,7 +65,9 @@ class Bag(OpenBag):
         if all(self.mounts.knows(frame) for frame in frames):
             return
         if self.add_constant_transforms(changing):
-            self.warnings += ("mounts are also taken from transforms of /tf that never change; check T_BS",)
+            self.warnings += (
+                warning("mounts are also taken from transforms of /tf that never change", "check T_BS"),
+            )
 
     def _open(self) -> None:
         """Open the bag; of one that is damaged or has no index, read what is complete."""
@@ -74,12 +79,12 @@ class Bag(OpenBag):
             found = self._damaged() if len(self.reader.paths) == 1 else None
             if found is None:
                 raise
-            reader, warning = found
+            reader, lost = found
             self.reader.readers = [reader]
             self.reader.open()
-            self.warnings = (warning or _without_index(reader.lost_bytes),)
+            self.warnings = (lost or _without_index(reader.lost_bytes),)
 
-    def _damaged(self) -> tuple[Any, str] | None:
+    def _damaged(self) -> tuple[Any, Message | None] | None:
         """Return a reader for the damaged file of this bag, and a warning; None where it cannot be read."""
         from slam.io.recordings.ros.cut_mcap import CutMcapReader, is_mcap
         from slam.io.recordings.ros.cut_sqlite import CutSqliteReader
@@ -90,7 +95,7 @@ class Bag(OpenBag):
             with suppress(sqlite3.Error):
                 reader = CutSqliteReader(file)
             count = 0 if reader is None else sum(each.msgcount for each in reader.connections)
-            lost = f"the bag is damaged after {count} messages, and the rest is lost; {COPY_AGAIN}"
+            lost = warning(f"the bag is damaged after {count} messages, and the rest is lost", COPY_AGAIN)
             return (reader, lost) if count else None
         unindexed: Any = None
         if is_mcap(file):
@@ -99,7 +104,7 @@ class Bag(OpenBag):
             unindexed = UnindexedReader(file)
         if unindexed is None or (is_mcap(file) and not any(c.msgcount for c in unindexed.connections)):
             return None
-        return unindexed, ""
+        return unindexed, None
 
     @property
     def connections(self) -> list[Connection]:
@@ -117,16 +122,18 @@ class Bag(OpenBag):
 
     def messages(
         self, connections: Sequence[Connection], start_ns: int | None = None
-    ) -> Iterator[tuple[Connection, int, Message]]:
+    ) -> Iterator[tuple[Connection, int, RosMessage]]:
         """Yield connection, time of recording [ns] and message, in the order of recording."""
         if connections:
             for connection, time_ns, raw in self.reader.messages(connections, start=start_ns):
                 yield connection, time_ns, self.reader.deserialize(raw, connection.msgtype)
 
 
-def _without_index(lost_bytes: int) -> str:
+def _without_index(lost_bytes: int) -> Message:
     lost = f", and its last {lost_bytes:,} bytes are lost" if lost_bytes else ""
-    return f"the bag has no index (its recording was interrupted){lost}; end the next one before power is cut"
+    return warning(
+        f"the bag has no index (its recording was interrupted){lost}", "end the next one before power is cut"
+    )
 
 
 def _only_file(path: Path) -> Path:

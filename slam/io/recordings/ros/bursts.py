@@ -25,7 +25,7 @@ from slam.io.recordings.ros.open_bag import OpenBag
 from slam.io.recordings.schedule import Schedule
 
 Array = NDArray[np.float64]
-Message = Any
+RosMessage = Any
 
 _AROUND_S = 0.2
 """Readings so long before and after the pictures are read: some of a slow attitude."""
@@ -42,7 +42,7 @@ class BodyChannel:
     b_T_s: Array | None = None
     """(4, 4) mount of the instrument; None where it is unknown, and body axes are assumed."""
 
-    def has_values(self, message: Message) -> bool:
+    def has_values(self, message: RosMessage) -> bool:
         """Return whether a message has all its values; some drivers fill an ``Imu`` in part."""
         if message is None or not self.rule.fits(message):
             return False
@@ -90,7 +90,7 @@ def _burst(bag: OpenBag, topic: str, body: BodyChannel | None, start_ns: int, wh
     return Burst(np.array(stamps_s), tuple(pictures), attitude, up)
 
 
-def _messages(bag: OpenBag, topic: str, start_ns: int) -> Iterator[tuple[int, float, Message]]:
+def _messages(bag: OpenBag, topic: str, start_ns: int) -> Iterator[tuple[int, float, RosMessage]]:
     """Yield the time of recording [ns], the stamp [s] and the message from a time of recording on."""
     connections = [c for c in bag.connections if c.topic == topic]
     for _, recorded_ns, message in bag.messages(connections, start_ns):
@@ -102,7 +102,7 @@ def _messages(bag: OpenBag, topic: str, start_ns: int) -> Iterator[tuple[int, fl
         yield recorded_ns, stamp_ns * 1e-9, message
 
 
-def _picture(message: Message) -> Image | None:
+def _picture(message: RosMessage) -> Image | None:
     try:
         stored = picture_of(message)
         if isinstance(stored, bytes):

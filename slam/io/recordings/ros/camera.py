@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.core.messages import Line, as_unread
+from slam.core.messages import Message, clauses_of, unread
 from slam.io.down_looking import MAX_TILT_DEG, NOSE_AT_TOP, axis_tilt_deg, tilt_remark
 from slam.io.files import brief
 from slam.io.levels import Raw
@@ -18,7 +18,7 @@ from slam.io.recordings.ros import pixels as ros_pixels
 from slam.io.recordings.ros.lens import UnknownLensError, lens_of
 
 Array = NDArray[np.float64]
-Message = Any
+RosMessage = Any
 
 
 _DEPTH_WORDS = ("depth", "disparity")
@@ -49,7 +49,7 @@ def is_rectified(image_topic: str) -> bool:
     return any(part.startswith("image_rect") for part in image_topic.split("/"))
 
 
-def info_of(infos: Sequence[tuple[str, Message]], image_topic: str, frame: str) -> Message | None:
+def info_of(infos: Sequence[tuple[str, RosMessage]], image_topic: str, frame: str) -> RosMessage | None:
     """Return the calibration of a topic of pictures: the one named after it, else of its frame, else the only
     one. ``infos``: topics with a ``CameraInfo``, and their first messages."""
     by_topic = dict(infos)
@@ -60,21 +60,21 @@ def info_of(infos: Sequence[tuple[str, Message]], image_topic: str, frame: str) 
 
 
 def camera_of(
-    info: Message | None, first: Message, b_T_c: Array | None, rectified: bool = False
-) -> tuple[Camera | None, list[Line]]:
+    info: RosMessage | None, first: RosMessage, b_T_c: Array | None, rectified: bool = False
+) -> tuple[Camera | None, list[Message]]:
     """Return the camera of a ``CameraInfo``, and the assumptions; None with the reason where unusable.
 
     ``first`` is the first message with a picture, whose size holds for all. ``rectified``: whether pictures
     have no distortion any more.
     """
     if info is None:
-        why = "no CameraInfo beside the pictures, so the lens is unknown; treated as not recorded"
-        return None, [as_unread(f"{why}; record camera_info with them")]
+        why = "no CameraInfo beside the pictures, so the lens is unknown"
+        return None, [unread(why, "treated as not recorded", "record camera_info with them")]
     size_px = _size_of(first) or (int(info.width), int(info.height))
     try:
         lens, notes = lens_of(info, size_px, rectified)
     except UnknownLensError as reason:
-        return None, [as_unread(f"{reason}; treated as not recorded")]
+        return None, [unread(*clauses_of(str(reason)), "treated as not recorded")]
     if b_T_c is None:
         notes.append(NOSE_AT_TOP)
     elif (tilt := axis_tilt_deg(b_T_c[:3, 2])) > MAX_TILT_DEG:
@@ -90,7 +90,7 @@ def camera_of(
     return camera, notes
 
 
-def _size_of(message: Message) -> tuple[int, int] | None:
+def _size_of(message: RosMessage) -> tuple[int, int] | None:
     """Return (width, height) of the picture in a message; None where it is damaged."""
     if hasattr(message, "encoding"):
         return int(message.width), int(message.height)
@@ -100,7 +100,7 @@ def _size_of(message: Message) -> tuple[int, int] | None:
         return None
 
 
-def picture_of(message: Message) -> Raw | bytes:
+def picture_of(message: RosMessage) -> Raw | bytes:
     """Return the pixels of an ``Image``, or the PNG or JPEG of a ``CompressedImage``.
 
     Raises ``UnreadableImageError``.
@@ -113,13 +113,13 @@ def picture_of(message: Message) -> Raw | bytes:
     return data
 
 
-def tells_samples_only(message: Message) -> bool:
+def tells_samples_only(message: RosMessage) -> bool:
     """Return whether the encoding of a picture tells its samples only, not what they measure: heat, or depths
     as well."""
     return getattr(message, "encoding", "") == "16UC1"
 
 
-def why_unread(kind: str, message: Message | None) -> str:
+def why_unread(kind: str, message: RosMessage | None) -> str:
     """Return why pictures of a topic cannot be read, and the next step; empty for what is no picture."""
     if kind in _CODED_KINDS:
         return _CODED.format(kind.partition("/")[0].removesuffix("_image_transport_msgs"))
@@ -132,12 +132,12 @@ def why_unread(kind: str, message: Message | None) -> str:
     return _CODED.format(message.format[:20]) if any(word in code for word in _VIDEO_WORDS) else ""
 
 
-def suffix_of_message(message: Message) -> str:
+def suffix_of_message(message: RosMessage) -> str:
     """Return the suffix of the file that a picture becomes."""
     return ".png" if hasattr(message, "encoding") else suffix_of(bytes(message.data))
 
 
-def is_picture(message: Message, topic: str) -> bool:
+def is_picture(message: RosMessage, topic: str) -> bool:
     """Return whether a message holds a picture for the eye, not depths or another code.
 
     A compressed one is known by its format or, as some drivers leave that empty, by its first bytes. Pixels

@@ -17,14 +17,14 @@ from slam.io.recordings.ros.messages import LASER_SCAN, RosRule, level_velocity,
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
-Message = Any
+RosMessage = Any
 
 _LEAST_PA, _MOST_PA = 3e4, 1.1e5
 """Pressures between 9 km up and below sea level; that of an airspeed sensor is a difference."""
 _FLOW, _PX4FLOW = "mavros_msgs/msg/OpticalFlowRad", "px_comm/msg/OpticalFlow"
 
 
-def _ray(m: Message) -> tuple[float, ...]:
+def _ray(m: RosMessage) -> tuple[float, ...]:
     """Return a scan of one ray as a range; an empty row for other scans, which do not fit."""
     return (float(m.ranges[0]), m.range_min, m.range_max) if len(m.ranges) == 1 else ()
 
@@ -33,7 +33,7 @@ def _ray_limits(rows: Array) -> dict[str, Value]:
     return limits_entries(stated_limits(rows[:, 1], rows[:, 2]))
 
 
-def _pressure(m: Message) -> tuple[float, ...]:
+def _pressure(m: RosMessage) -> tuple[float, ...]:
     return (m.fluid_pressure,)
 
 
@@ -42,7 +42,7 @@ def _altitude(rows: Array, b_T_s: Array | None) -> Array:
     return standard_altitude(known[:, 0] * 1e-2)
 
 
-def _flow(m: Message) -> tuple[float, ...]:
+def _flow(m: RosMessage) -> tuple[float, ...]:
     turned = m.integrated_x - m.integrated_xgyro, m.integrated_y - m.integrated_ygyro
     return *turned, m.integration_time_us, m.distance, m.quality
 
@@ -53,11 +53,11 @@ def _flow_speed(rows: Array, b_T_s: Array | None) -> Array:
     return flow_velocity(rate, rows[:, 3], (rows[:, 3] > 0) & (rows[:, 4] > 0))[0]
 
 
-def _flow_range(m: Message) -> tuple[float, ...]:
+def _flow_range(m: RosMessage) -> tuple[float, ...]:
     return (m.distance,)
 
 
-def _ground_distance(m: Message) -> tuple[float, ...]:
+def _ground_distance(m: RosMessage) -> tuple[float, ...]:
     return (m.ground_distance,)
 
 
@@ -65,11 +65,11 @@ def _positive(rows: Array, b_T_s: Array | None) -> Array:
     return np.where(rows > 0, rows, np.nan)
 
 
-def _sensor_velocity(m: Message) -> tuple[float, ...]:
+def _sensor_velocity(m: RosMessage) -> tuple[float, ...]:
     return m.velocity_x, m.velocity_y
 
 
-def _vector(m: Message) -> tuple[float, ...]:
+def _vector(m: RosMessage) -> tuple[float, ...]:
     return m.vector.x, m.vector.y, m.vector.z
 
 

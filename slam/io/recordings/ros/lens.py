@@ -14,12 +14,12 @@ from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from backend.measurements import LensModel
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note, warning
 from slam.io.camera_folder import EQUIDISTANT
 from slam.io.lens_fit import fisheye_angles, fitted_radial, viewing_angles, within_view
 
 Array = NDArray[np.float64]
-Message = Any
+RosMessage = Any
 
 _RADTAN = ("plumb_bob", "rational_polynomial", "")
 _ASPECT_TOLERANCE_PX = 1.0
@@ -41,7 +41,9 @@ class UnknownLensError(Exception):
     """A ``CameraInfo`` that describes no lens; the message is the reason and the next step."""
 
 
-def lens_of(info: Message, size_px: tuple[int, int], rectified: bool = False) -> tuple[Lens, list[Line]]:
+def lens_of(
+    info: RosMessage, size_px: tuple[int, int], rectified: bool = False
+) -> tuple[Lens, list[Message]]:
     """Return the lens for pictures of ``size_px``, and a line for everything that is assumed.
 
     That of ``rectified`` pictures is ``P``, without distortion. Raises ``UnknownLensError``.
@@ -51,7 +53,7 @@ def lens_of(info: Message, size_px: tuple[int, int], rectified: bool = False) ->
         (fx, fy, cx, cy), notes = _in_picture(info, projection.reshape(3, 4), size_px)
         return Lens((fx, fy), (cx, cy)), [
             *notes,
-            as_note("rectified pictures, by the name of their topic: focal length of P, no lens distortion"),
+            note("rectified pictures, by the name of their topic: focal length of P, no lens distortion"),
         ]
     matrix = np.asarray(getattr(info, "k", getattr(info, "K", np.zeros(9))), float).reshape(3, 3)
     coefficients = np.asarray(getattr(info, "d", getattr(info, "D", ())), float)
@@ -85,7 +87,10 @@ def lens_of(info: Message, size_px: tuple[int, int], rectified: bool = False) ->
     k1, k2, _, _, k3 = found.distortion
     p1, p2 = float(p1) / found.ratio, float(p2) / found.ratio
     notes.append(
-        f"its {model} lens is described by radial distortion, with errors of up to {found.error * fx:.2f} px"
+        warning(
+            f"its {model} lens is described by radial distortion, with errors of up to "
+            f"{found.error * fx:.2f} px"
+        )
     )
     return Lens((fx * found.ratio, fy * found.ratio), (cx, cy), (k1, k2, p1, p2, k3)), notes
 
@@ -98,8 +103,8 @@ def _too_wide(model: str) -> str:
 
 
 def _in_picture(
-    info: Message, matrix: Array, size_px: tuple[int, int]
-) -> tuple[tuple[float, float, float, float], list[Line]]:
+    info: RosMessage, matrix: Array, size_px: tuple[int, int]
+) -> tuple[tuple[float, float, float, float], list[Message]]:
     """Return fx, fy, cx, cy in the pixels of the pictures, and a note where they are of another resolution.
 
     ``K`` refers to the full resolution; a region of interest and binning reduce the pictures
@@ -115,15 +120,15 @@ def _in_picture(
     inside = full if roi is None or not roi.width else (int(roi.width), int(roi.height))
     if size_px == (inside[0] // bins[0], inside[1] // bins[1]):
         sx, sy = 1 / bins[0], 1 / bins[1]
-        note = "CameraInfo states a region of interest or binning, which is applied"
+        said = "CameraInfo states a region of interest or binning, which is applied"
     elif abs(size_px[0] * full[1] / full[0] - size_px[1]) <= _ASPECT_TOLERANCE_PX:
         left, top = 0, 0
         sx, sy = size_px[0] / full[0], size_px[1] / full[1]
-        note = f"CameraInfo is for {full[0]} x {full[1]} px and is scaled to {size_px[0]} x {size_px[1]}"
+        said = f"CameraInfo is for {full[0]} x {full[1]} px and is scaled to {size_px[0]} x {size_px[1]}"
     else:
         raise UnknownLensError(
             f"the pictures have {size_px[0]} x {size_px[1]} px, but CameraInfo is for {full[0]} x {full[1]}; "
             "calibrate the camera in this mode"
         )
     # The first pixel's centre is 0, so its outer corner is -0.5.
-    return (fx * sx, fy * sy, (cx - left + 0.5) * sx - 0.5, (cy - top + 0.5) * sy - 0.5), [note]
+    return (fx * sx, fy * sy, (cx - left + 0.5) * sx - 0.5, (cy - top + 0.5) * sy - 0.5), [warning(said)]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from slam.core.height_systems import ELLIPSOID
-from slam.core.messages import Line
+from slam.core.messages import Message
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.io.body_axes import angles_from_quaternion
 from slam.io.gps_accuracy import with_accuracy
@@ -24,7 +24,7 @@ from slam.io.recordings.ros.transforms import is_world
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
-Message = Any
+RosMessage = Any
 """A deserialised message: its fields are attributes."""
 
 RANGE_T_SONAR: Array = np.array([[0.0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
@@ -39,7 +39,7 @@ class RosRule:
 
     stream: str
     kind: str
-    row: Callable[[Message], tuple[float, ...]]
+    row: Callable[[RosMessage], tuple[float, ...]]
     """Return the numbers of one message."""
     values: Callable[[Array, Array | None], Array]
     """Return values (n, c) of the flight format from all rows and ``b_T_s``, the sensor's mount if known."""
@@ -54,13 +54,13 @@ class RosRule:
     """Reason not to take a topic that is not certain."""
     needs: tuple[str, ...] = ()
     """Fields that distinguish the versions of a message."""
-    remarks: Callable[[Array], tuple[Line, ...]] = lambda rows: ()
+    remarks: Callable[[Array], tuple[Message, ...]] = lambda rows: ()
     """Return a line for everything that is dropped or assumed, from all rows."""
     vectors: tuple[slice, ...] = ()
     """Columns of each vector without which a row has no values."""
     never_zero: slice | None = None
     """Columns of a vector that a driver leaves 0 where it does not measure it."""
-    frame: Callable[[Message], str] = lambda message: str(message.header.frame_id)
+    frame: Callable[[RosMessage], str] = lambda message: str(message.header.frame_id)
     """Return the frame whose axes the values have, of a message with a header."""
 
     def why_missing(self, rows: Array) -> str:
@@ -77,7 +77,7 @@ class RosRule:
             return ""
         return "its driver leaves a vector 0 throughout, which it does not measure"
 
-    def fits(self, message: Message) -> bool:
+    def fits(self, message: RosMessage) -> bool:
         """Return whether a message has the fields of the rule: a type may have several versions."""
         try:
             return all(hasattr(message, name) for name in self.needs) and bool(self.row(message))
@@ -89,11 +89,11 @@ def _same(rows: Array, b_T_s: Array | None) -> Array:
     return rows
 
 
-def _vector(v: Message) -> tuple[float, float, float]:
+def _vector(v: RosMessage) -> tuple[float, float, float]:
     return v.x, v.y, v.z
 
 
-def _quaternion(q: Message) -> tuple[float, float, float, float]:
+def _quaternion(q: RosMessage) -> tuple[float, float, float, float]:
     return q.w, q.x, q.y, q.z
 
 
@@ -101,13 +101,13 @@ _MISSING_3 = (np.nan,) * 3
 _MISSING_4 = (np.nan,) * 4
 
 
-def _imu(m: Message) -> tuple[float, ...]:
+def _imu(m: RosMessage) -> tuple[float, ...]:
     gyro = _MISSING_3 if m.angular_velocity_covariance[0] == -1 else _vector(m.angular_velocity)
     accel = _MISSING_3 if m.linear_acceleration_covariance[0] == -1 else _vector(m.linear_acceleration)
     return *gyro, *accel
 
 
-def _imu_attitude(m: Message) -> tuple[float, ...]:
+def _imu_attitude(m: RosMessage) -> tuple[float, ...]:
     return _MISSING_4 if m.orientation_covariance[0] == -1 else _quaternion(m.orientation)
 
 
@@ -121,7 +121,7 @@ def _angles(rows: Array, b_T_s: Array | None) -> Array:
     return np.where(known, roll_pitch_yaw_of(w_R_b), np.nan)
 
 
-def _range(m: Message) -> tuple[float, ...]:
+def _range(m: RosMessage) -> tuple[float, ...]:
     return m.range, m.min_range, m.max_range, m.field_of_view
 
 
@@ -137,7 +137,7 @@ def ranges_within(rows: Array, b_T_s: Array | None) -> Array:
     return np.where(is_known[:, None], rows[:, :1], np.nan)
 
 
-def _position(m: Message) -> tuple[float, ...]:
+def _position(m: RosMessage) -> tuple[float, ...]:
     variance = (
         np.diag(np.reshape(m.position_covariance, (3, 3))) if m.position_covariance_type else _MISSING_3
     )
@@ -149,7 +149,7 @@ def _places(rows: Array, b_T_s: Array | None) -> Array:
     return with_accuracy(rows[:, :3], np.sqrt(np.maximum(rows[:, 3:], 0.0)))
 
 
-def _twist(m: Message) -> tuple[float, ...]:
+def _twist(m: RosMessage) -> tuple[float, ...]:
     return _vector(m.twist.twist.linear if hasattr(m.twist, "twist") else m.twist.linear)
 
 
@@ -158,14 +158,14 @@ def level_velocity(rows: Array, b_T_s: Array | None) -> Array:
     return rows[:, :2]
 
 
-def _odometry(m: Message) -> tuple[float, ...]:
+def _odometry(m: RosMessage) -> tuple[float, ...]:
     turned = float(is_world(m.child_frame_id))
     pose = m.pose.pose
     # A twist of 0 is none where the position changes.
     return *_quaternion(pose.orientation), *_vector(m.twist.twist.linear), turned, *_vector(pose.position)
 
 
-def _frame_of_twist(m: Message) -> str:
+def _frame_of_twist(m: RosMessage) -> str:
     return str(m.child_frame_id)
 
 
@@ -189,12 +189,12 @@ def _heading_velocity(rows: Array, b_T_s: Array | None) -> Array:
     return np.where(known, np.where(rows[:, 7:8] != 0, of_world, of_body), np.nan)
 
 
-def _pose(m: Message) -> tuple[float, ...]:
+def _pose(m: RosMessage) -> tuple[float, ...]:
     pose = getattr(m.pose, "pose", m.pose)
     return *_vector(pose.position), *_quaternion(pose.orientation)
 
 
-def _transform(m: Message) -> tuple[float, ...]:
+def _transform(m: RosMessage) -> tuple[float, ...]:
     return *_vector(m.transform.translation), *_quaternion(m.transform.rotation)
 
 
@@ -218,15 +218,15 @@ def _driver_angles(rows: Array, b_T_s: Array | None) -> Array:
     return np.radians(rows)
 
 
-def _quaternion_of_odometry(m: Message) -> tuple[float, ...]:
+def _quaternion_of_odometry(m: RosMessage) -> tuple[float, ...]:
     return _quaternion(m.pose.pose.orientation)
 
 
-def _stamped(m: Message) -> tuple[float, ...]:
+def _stamped(m: RosMessage) -> tuple[float, ...]:
     return _quaternion(m.quaternion)
 
 
-def _stick(m: Message) -> tuple[float, ...]:
+def _stick(m: RosMessage) -> tuple[float, ...]:
     return *_vector(m.linear), m.angular.z
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C
-from slam.core.messages import Line
+from slam.core.messages import Message, warning
 from slam.core.streams import Image
 from slam.io.content_key import digest_with, source_key
 from slam.io.files import brief
@@ -27,7 +27,7 @@ from slam.io.recordings.ros.rules import RULES
 from slam.io.recordings.ros.transforms import BODY_FRAMES, MountTree, is_optical, transform_of
 
 Array = NDArray[np.float64]
-Message = Any
+RosMessage = Any
 
 _IMU = "sensor_msgs/msg/Imu"
 
@@ -54,9 +54,9 @@ class OpenBag(ABC):
     def __init__(self, path: Path, *later: Path) -> None:
         """``later``: further files or folders of the same recording."""
         self.path, self.later = path, later
-        self.warnings: tuple[str, ...] = ()
+        self.warnings: tuple[Message, ...] = ()
         self.mounts = MountTree()
-        self.first: dict[str, Message] = {}
+        self.first: dict[str, RosMessage] = {}
         """First message of each topic that can fill a stream."""
         self.body: str | None = None
         """Frame of the body; None where no transform is fixed."""
@@ -74,16 +74,16 @@ class OpenBag(ABC):
     @abstractmethod
     def messages(
         self, connections: Sequence[Any], start_ns: int | None = None
-    ) -> Iterator[tuple[Any, int, Message]]:
+    ) -> Iterator[tuple[Any, int, RosMessage]]:
         """Yield connection, time of recording [ns] and message, in the order of recording."""
 
     @cached_property
-    def _infos(self) -> list[tuple[str, Message]]:
+    def _infos(self) -> list[tuple[str, RosMessage]]:
         """Topics with a ``CameraInfo``, and their first messages."""
         found = [(c.topic, self.first_message(c.topic)) for c in self.of_kinds(CAMERA_INFO)]
         return [(topic, message) for topic, message in found if message is not None]
 
-    def camera_info(self, image_topic: str) -> Message | None:
+    def camera_info(self, image_topic: str) -> RosMessage | None:
         """Return the calibration of a topic of pictures; None without."""
         return info_of(self._infos, image_topic, self.frame_of(image_topic))
 
@@ -111,9 +111,11 @@ class OpenBag(ABC):
             self.body = BODY_FRAMES[0]
             self.mounts.add(self.body, known, NADIR_B_T_C)
             self.warnings += (
-                f"no frame of the body is known: the camera of {brief(known, 40)!r} is assumed to look "
-                "straight down with the nose at the top, and other sensors are placed relative to it; "
-                "record /tf_static",
+                warning(
+                    f"no frame of the body is known: the camera of {brief(known, 40)!r} is assumed to look "
+                    "straight down with the nose at the top, and other sensors are placed relative to it",
+                    "record /tf_static",
+                ),
             )
 
     def add_constant_transforms(self, connections: Sequence[Any]) -> bool:
@@ -155,7 +157,7 @@ class OpenBag(ABC):
         """Return ``b_T_s`` (4, 4) of the sensor of a topic; None where no fixed transform gives it."""
         return self.mounts.mount(self.body, self.frame_of(topic))
 
-    def first_message(self, topic: str) -> Message:
+    def first_message(self, topic: str) -> RosMessage:
         """Return the first message of a topic; None without one."""
         connections = [c for c in self.connections if c.topic == topic]
         return next((message for _, _, message in self.messages(connections)), None)
@@ -172,8 +174,8 @@ class BagPictures:
         self._recorded_ns = recorded_ns
         """(n,) time of recording of picture k, in the order of recording."""
         self._next = -1
-        self._stream: Iterator[tuple[Any, int, Message]] = iter(())
-        self.notes: list[Line] = []
+        self._stream: Iterator[tuple[Any, int, RosMessage]] = iter(())
+        self.notes: list[Message] = []
         """A line about the range of deep pixels."""
         self._levels = levels_of_sample(self._sample(), self.notes)
 

@@ -23,7 +23,7 @@ from slam.io.recordings.ros.messages import NO_TRUTH, RosRule, heading_axes, is_
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
-Message = Any
+RosMessage = Any
 
 PACKAGE = "px4_msgs/msg/"
 _GPS = "latitude_deg longitude_deg altitude_msl_m lat lon alt fix_type eph epv"
@@ -57,12 +57,12 @@ def _names(kind: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _row(message: Message, names: tuple[str, ...]) -> tuple[float, ...]:
+def _row(message: RosMessage, names: tuple[str, ...]) -> tuple[float, ...]:
     """Return the values of fields; NaN for those that this version of the message does not have."""
     return tuple(_number(message, *name.rstrip("]").partition("[")[::2]) for name in names)
 
 
-def _number(message: Message, name: str, at: str) -> float:
+def _number(message: RosMessage, name: str, at: str) -> float:
     value: Any = getattr(message, name, None)
     if value is None:
         return np.nan
@@ -104,7 +104,7 @@ def _of_log(rule: FieldRule) -> RosRule:
     )
 
 
-def _pose(m: Message) -> tuple[float, ...]:
+def _pose(m: RosMessage) -> tuple[float, ...]:
     """Return frame, position and quaternion; older messages have x, y, z, and count frames from zero."""
     position = m.position if hasattr(m, "position") else (m.x, m.y, m.z)
     frame = m.pose_frame if hasattr(m, "pose_frame") else m.local_frame + 1
@@ -124,7 +124,7 @@ def _truth(rows: Array, b_T_s: Array | None) -> Array:
     return np.hstack([pose, np.full((len(rows), 9), np.nan)])
 
 
-def _motion(m: Message) -> tuple[float, ...]:
+def _motion(m: RosMessage) -> tuple[float, ...]:
     return *_pose(m), m.velocity_frame, *m.velocity
 
 

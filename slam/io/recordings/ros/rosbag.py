@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from backend.wording import either
 from frontend.camera import Camera
-from slam.core.messages import Line, about
+from slam.core.messages import Message, parsed, warning
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG, Look, axis_tilt_deg
 from slam.io.files import brief, refusal
@@ -56,7 +56,7 @@ from slam.io.recordings.schedule import CHAIN, GLANCE
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
-Message = Any
+RosMessage = Any
 
 _PROGRESS_STEP = 500
 _TF = "/tf_static"
@@ -193,7 +193,7 @@ def _rule(offer: Offer) -> RosRule:
     return RULES[offer.rank]
 
 
-def _pass(bag: OpenBag, by_topic: dict[str, list[TopicSeries]], progress: Progress) -> list[Line]:
+def _pass(bag: OpenBag, by_topic: dict[str, list[TopicSeries]], progress: Progress) -> list[Message]:
     """Read the messages of some topics; where the bag is damaged, keep what came before."""
     connections = [c for c in bag.connections if c.topic in by_topic]
     total = sum(c.msgcount for c in connections)
@@ -211,21 +211,27 @@ def _pass(bag: OpenBag, by_topic: dict[str, list[TopicSeries]], progress: Progre
                 bag.path, f"no message can be read ({brief(error, 160)})", "repair the bag"
             ) from None
         return [
-            f"the bag is damaged after {count} of {total} messages ({brief(error, 120)}); the rest is "
-            f"lost; {COPY_AGAIN}"
+            warning(
+                f"the bag is damaged after {count} of {total} messages ({brief(error, 120)})",
+                "the rest is lost",
+                COPY_AGAIN,
+            )
         ]
     progress("reading messages", count, total)
     return (
         [
-            f"{total - count} of {total} messages {either(total - count, 'is', 'are')} missing in the bag; "
-            f"{COPY_AGAIN}"
+            warning(
+                f"{total - count} of {total} messages {either(total - count, 'is', 'are')} missing in the "
+                "bag",
+                COPY_AGAIN,
+            )
         ]
         if count < total
         else []
     )
 
 
-def _one_clock(series: dict[str, TopicSeries]) -> list[Line]:
+def _one_clock(series: dict[str, TopicSeries]) -> list[Message]:
     """Move streams whose headers have another clock than the other ones onto that of the recorder.
 
     A driver may state the time since the start of its device. Streams of one clock keep their times relative
@@ -236,7 +242,7 @@ def _one_clock(series: dict[str, TopicSeries]) -> list[Line]:
         for name, each in series.items()
         if len(each.stamps_ns)
     }
-    shift_s, warnings = 0.0, list[Line]()
+    shift_s, warnings = 0.0, list[Message]()
     if not late_s or max(late_s.values()) - min(late_s.values()) <= LONGEST_TRANSPORT_S:
         return []
     previous_s = -np.inf
@@ -248,8 +254,11 @@ def _one_clock(series: dict[str, TopicSeries]) -> list[Line]:
             each = series[name]
             each.stamps_ns = array("q", (np.array(each.stamps_ns) + round(shift_s * 1e9)).tolist())
             warnings.append(
-                f"{name}: the clock of its headers is {shift_s:.1f} s behind that of the recorder, and is "
-                "moved onto it; the delay of the transport remains: set the clocks by one time server"
+                warning(
+                    f"{name}: the clock of its headers is {shift_s:.1f} s behind that of the recorder, "
+                    "and is moved onto it",
+                    "the delay of the transport remains: set the clocks by one time server",
+                )
             )
     return warnings
 
@@ -261,19 +270,19 @@ def _readings(
     rule = series.rule
     assert rule is not None
     stamps_ns, rows = series.table()
-    notes: list[Line] = []
+    notes: list[Message] = []
     if companion is not None:
         own = all_series[companion.topic].table()
         rows = companion.complete((stamps_ns, rows), own, bag.mount_of(companion.topic))
         if companion.rule.stream == "attitude0" and "attitude0" not in all_series:
-            notes.append(f"turned by the yaw of {companion.topic}, which is left out as attitude0")
+            notes.append(warning(f"turned by the yaw of {companion.topic}, which is left out as attitude0"))
     if why := rule.why_missing(rows):
         rows = np.full_like(rows, np.nan)
     mount = bag.mount_of(offer.channel)
     nominal: dict[str, Value] = {}
     notes += [*series.notes(), *rule.remarks(rows)]
     if why:
-        notes.append(why)
+        notes.append(parsed(why))
     if len(rows):
         nominal |= rule.nominal(rows)
     if rule.is_mounted and mount is not None:
@@ -282,20 +291,24 @@ def _readings(
     elif rule.is_mounted:
         assumed = "looking straight down" if rule.kind in RANGE_KINDS else "body axes"
         frame = brief(bag.frame_of(offer.channel), 40)
-        notes.append(f"no transform of its frame {frame!r} in {_TF}: {assumed} assumed; record its transform")
+        notes.append(
+            warning(
+                f"no transform of its frame {frame!r} in {_TF}: {assumed} assumed", "record its transform"
+            )
+        )
     return StreamReadings(stamps_ns, rule.values(rows, mount), nominal, tuple(notes))
 
 
 def _camera(
-    bag: OpenBag, topic: str, first: Message, b_T_c: Array | None
-) -> tuple[Camera | None, list[Line]]:
+    bag: OpenBag, topic: str, first: RosMessage, b_T_c: Array | None
+) -> tuple[Camera | None, list[Message]]:
     return ros_camera.camera_of(bag.camera_info(topic), first, b_T_c, ros_camera.is_rectified(topic))
 
 
-def _pictures(bag: OpenBag, topic: str, series: TopicSeries) -> tuple[PictureChannel | None, list[Line]]:
+def _pictures(bag: OpenBag, topic: str, series: TopicSeries) -> tuple[PictureChannel | None, list[Message]]:
     camera, notes = _camera(bag, topic, series.first, bag.mount_of(topic))
     if camera is None:
-        return None, [about("cam0", about(topic, line)) for line in notes]
+        return None, [line.named(topic).named("cam0") for line in notes]
     suffix = ros_camera.suffix_of_message(series.first)
     connections = [c for c in bag.connections if c.topic == topic]
     fetch = BagPictures(bag, connections, np.array(series.recorded_ns, dtype=np.int64))

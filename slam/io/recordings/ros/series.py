@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import counted
-from slam.core.messages import Line
+from slam.core.messages import Message, warning
 from slam.io.recordings.ros.messages import RosRule
 from slam.io.recordings.ros.px4 import PACKAGE
 
 Array = NDArray[np.float64]
-Message = Any
+RosMessage = Any
 
 
 @dataclass
@@ -30,13 +30,13 @@ class TopicSeries:
     rows: array[float] = field(default_factory=lambda: array("d"))
     checksums: array[int] = field(default_factory=lambda: array("q"))
     """CRC-32 of the content of each picture; empty for other topics."""
-    first: Message = None
+    first: RosMessage = None
     without_stamp: int = 0
     has_header: bool = True
     is_of_px4: bool = False
     """Whether messages have PX4's stamp, in microseconds, instead of a header."""
 
-    def add(self, recorded_ns: int, message: Message) -> None:
+    def add(self, recorded_ns: int, message: RosMessage) -> None:
         """Add a message with its time of recording [ns]."""
         if self.first is None:
             self.first, self.has_header = message, hasattr(message, "header")
@@ -72,7 +72,7 @@ class TopicSeries:
             names.append(f"{stamp_ns}_{number}{suffix}" if number else f"{stamp_ns}{suffix}")
         return tuple(names)
 
-    def notes(self) -> list[Line]:
+    def notes(self) -> list[Message]:
         """Return a line where stamps are those of the recorder."""
         if not self.without_stamp:
             return []
@@ -81,4 +81,4 @@ class TopicSeries:
             if not (self.has_header or self.is_of_px4)
             else counted(self.without_stamp, "stamp is zero", "stamps are zero")
         )
-        return [f"{what}: the time of recording is used; stamp them where they are measured"]
+        return [warning(f"{what}: the time of recording is used", "stamp them where they are measured")]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.messages import Message, warning
 from slam.io.files import brief, refusal
 from slam.io.recordings.tables.columns import Column
 from slam.io.recordings.tables.layout import Layout
@@ -55,7 +56,7 @@ def cells_of(layout: Layout, column: Column) -> list[str]:
     return [row[column.k].strip() if column.k < len(row) else "" for row in layout.rows]
 
 
-def numbers(layout: Layout, column: Column, mark: str) -> tuple[Array, tuple[str, ...]]:
+def numbers(layout: Layout, column: Column, mark: str) -> tuple[Array, tuple[Message, ...]]:
     """Return a column (n,) in the units of the flight format, NaN where missing; and a line about its faults.
 
     ``mark`` is the decimal mark.
@@ -79,15 +80,18 @@ def text_of(layout: Layout, column: Column) -> list[str]:
     return [cell.replace("\\", "/") for cell in cells_of(layout, column)]
 
 
-def _fault_note(column: Column, faults: Sequence[tuple[str, int]], count: int) -> tuple[str, ...]:
+def _fault_note(column: Column, faults: Sequence[tuple[str, int]], count: int) -> tuple[Message, ...]:
     if not faults:
         return ()
     cell, line = faults[0]
     is_marked = "," in cell
     do = "write decimal points and no other marks" if is_marked else "leave cells without a reading empty"
     return (
-        f"column {brief(column.title, 40)!r}: {len(faults)} of {count} cells are no numbers, first "
-        f"{brief(cell, 40)!r} in line {line}; {do}",
+        warning(
+            f"column {brief(column.title, 40)!r}: {len(faults)} of {count} cells are no numbers, first "
+            f"{brief(cell, 40)!r} in line {line}",
+            do,
+        ),
     )
 
 

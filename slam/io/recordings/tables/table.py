@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted, either
 from slam.core.geodesy import position_fault
-from slam.core.messages import Line, about, as_note
+from slam.core.messages import Message, note, warning
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.body_axes import angles_from_aviation
 from slam.io.files import read_bytes, refuse_other_content, without_zero_tail
@@ -56,7 +56,7 @@ def _position(fields: Fields) -> Converted:
     return values, (*_fault_notes(fields, faults, int(known.sum())), *notes)
 
 
-def _fault_notes(fields: Fields, faults: Mapping[int, str], count: int) -> tuple[str, ...]:
+def _fault_notes(fields: Fields, faults: Mapping[int, str], count: int) -> tuple[Message, ...]:
     """Return a line about positions that are none; row -> why it is none. 0, 0 is no fix, and no fault."""
     place = columns(fields, "latitude", "longitude")
     beyond = [k for k in faults if place[k].any()]
@@ -68,7 +68,7 @@ def _fault_notes(fields: Fields, faults: Mapping[int, str], count: int) -> tuple
         do = "in 1e-7 degrees? write latitude [degE7], longitude [degE7]"
     else:
         do = "degrees and minutes as in NMEA? convert them to degrees"
-    return (f"{len(beyond)} of {count} positions are none and left out: {faults[beyond[0]]}; {do}",)
+    return (warning(f"{len(beyond)} of {count} positions are none and left out: {faults[beyond[0]]}", do),)
 
 
 def _unless_held(values: Array) -> Converted:
@@ -79,7 +79,7 @@ def _unless_held(values: Array) -> Converted:
     if repeated == 0:
         return kept, ()
     repeat = counted(repeated, "row repeats", "rows repeat")
-    return kept, (as_note(f"{repeat} the value before and {either(repeated, 'is', 'are')} left out"),)
+    return kept, (note(f"{repeat} the value before and {either(repeated, 'is', 'are')} left out"),)
 
 
 def _height(fields: Fields) -> Converted:
@@ -148,7 +148,7 @@ class Table:
     series: FieldSeries
     unread: tuple[tuple[str, str, int], ...]
     """Name, type and number of rows of the columns that are not read."""
-    notes: tuple[Line, ...]
+    notes: tuple[Message, ...]
     pictures: tuple[str, ...] = ()
     """Name of the picture of each reading, from the folder of the table; empty without a column of them."""
     yaw_doubt: str = ""
@@ -204,19 +204,23 @@ def read_table(path: Path) -> Table:
     return Table(
         FieldSeries(KIND, stamps_ns, fields),
         left,
-        (*notes, *(about(path.name, line) for line in lines)),
+        (*notes, *(line.named(path.name) for line in lines)),
         names,
         doubt,
     )
 
 
-def _text_of(path: Path) -> tuple[str, list[str]]:
+def _text_of(path: Path) -> tuple[str, list[Message]]:
     """Return the text of a table, and what was dropped or assumed."""
-    data, notes = read_bytes(path, path.parent, _MAX_BYTES), list[str]()
+    data, notes = read_bytes(path, path.parent, _MAX_BYTES), list[Message]()
     if not wide_encoding(data):  # half of its last letter is zero
         data, notes = without_zero_tail(data)
     refuse_other_content(path, data)
     text, encoding = decode_text(data)
     if encoding == "Windows-1252":
-        notes.append(f"is neither UTF-8 nor UTF-16; {encoding} assumed; save it as UTF-8 if names look wrong")
-    return text, [f"{path.name}: {note}" for note in notes]
+        notes.append(
+            warning(
+                "is neither UTF-8 nor UTF-16", f"{encoding} assumed", "save it as UTF-8 if names look wrong"
+            )
+        )
+    return text, [note.after(path.name) for note in notes]

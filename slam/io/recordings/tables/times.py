@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted
 from slam.core.errors import InputError
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note, warning
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import brief, refusal
 from slam.io.recordings.tables.cells import cells_of, numbers
@@ -33,7 +33,7 @@ _WRITE = "write seconds, dates such as 2024-05-03T10:00:00.25Z, or times of day 
 
 def row_times(
     path: Path, layout: Layout, columns: Mapping[str, Column], mark: str
-) -> tuple[Array, tuple[Line, ...]]:
+) -> tuple[Array, tuple[Message, ...]]:
     """Return the time of each row in seconds (n,), NaN where none can be read, and lines about them.
 
     ``columns``: quantity -> column; ``mark``: the decimal mark. Raises ``InputError`` where the unit of the
@@ -42,7 +42,7 @@ def row_times(
     named = [(columns[name], cells_of(layout, columns[name])) for name in TIMES if name in columns]
     column, cells = next((each for each in named if _is_time(*each)), named[0])
     written = _first(cells)
-    notes: tuple[Line, ...] = ()
+    notes: tuple[Message, ...] = ()
     if _DATE.fullmatch(written):
         times_s = np.array([_date_s(cell) for cell in cells])
     elif _DAYTIME.fullmatch(written):
@@ -52,7 +52,7 @@ def row_times(
         if column.quantity == "time_of_week" and "week" in columns:
             week, _ = numbers(layout, columns["week"], mark)
             times_s = _GPS_EPOCH_S + week * _WEEK_S + times_s
-            notes += (as_note("times are of GPS, ahead of UTC by the leap seconds"),)
+            notes += (note("times are of GPS, ahead of UTC by the leap seconds"),)
     if cells and not np.isfinite(times_s).any():
         what = (
             f"column {brief(column.title, 40)!r} has no time that can be read, first {brief(written, 40)!r}"
@@ -60,8 +60,8 @@ def row_times(
         raise refusal(path, what, _WRITE, layout.lines[0])
     lost = int((~np.isfinite(times_s)).sum())
     if lost:
-        text = f"{counted(lost, 'row has', 'rows have')} no time; write times there if they should count"
-        notes = (*notes, text)
+        said = f"{counted(lost, 'row has', 'rows have')} no time"
+        notes = (*notes, warning(said, "write times there if they should count"))
     return times_s, notes
 
 
@@ -77,7 +77,7 @@ def _is_time(column: Column, cells: Sequence[str]) -> bool:
     return is_clock is not None or (bool(written) and not np.isnan(column.factor))
 
 
-def _numbers(path: Path, layout: Layout, column: Column, mark: str) -> tuple[Array, tuple[Line, ...]]:
+def _numbers(path: Path, layout: Layout, column: Column, mark: str) -> tuple[Array, tuple[Message, ...]]:
     """Return the times of a column of numbers in seconds (n,). Raises ``InputError``."""
     if np.isnan(column.factor):
         raise unknown_unit(path, column, layout.line)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note, warning
 from slam.core.streams import Gps
 from slam.io.files import brief
 from slam.io.recordings.logs.field_values import Fields, column, columns
@@ -33,7 +33,7 @@ class YawSense:
     """The fields of a table whose yaw has a known sense, or the doubt about it."""
 
     fields: Fields
-    lines: tuple[Line, ...] = ()
+    lines: tuple[Message, ...] = ()
     """Messages that tell the sense and what tells it, or which one is taken."""
     doubt: str = ""
     """Why the yaw is not read without a request; empty for none."""
@@ -51,10 +51,10 @@ def with_sense(yaw: Column, fields: Fields) -> YawSense:
     by = " and ".join(found)
     if senses == {"clockwise"}:
         others = {name: values for name, values in fields.items() if name != "yaw"}
-        note = as_note(f"{title} is clockwise from north by {by}; read as heading, with pitch up")
-        return YawSense({**others, "heading": fields["yaw"]}, (note,))
+        said = note(f"{title} is clockwise from north by {by}", "read as heading, with pitch up")
+        return YawSense({**others, "heading": fields["yaw"]}, (said,))
     if senses == {"counter-clockwise"}:
-        return YawSense(fields, (as_note(f"{title} is counter-clockwise from east by {by}"),))
+        return YawSense(fields, (note(f"{title} is counter-clockwise from east by {by}"),))
     why = "the gyro and the positions contradict each other" if senses else "no other column tells its sense"
     lowest, highest = (
         np.nanmin(column(fields, "yaw"), initial=np.inf),
@@ -62,11 +62,11 @@ def with_sense(yaw: Column, fields: Fields) -> YawSense:
     )
     if highest > np.pi or (yaw.unit == "deg" and lowest >= 0 and highest > 0):
         what = f"{title} is {np.degrees(lowest):.0f} to {np.degrees(highest):.0f} degrees, and {why}"
-        doubt = f"{what}; {_ADVICE}"
-        return YawSense(fields, (f"attitude0 is taken on request only: {doubt}",), doubt)
+        said = warning(f"attitude0 is taken on request only: {what}", _ADVICE)
+        return YawSense(fields, (said,), str(warning(what, _ADVICE)))
     if yaw.unit == "rad":
         return YawSense(fields)  # as in a flight folder
-    return YawSense(fields, (f"{title} is taken counter-clockwise from east; {why}; {_ADVICE}",))
+    return YawSense(fields, (warning(f"{title} is taken counter-clockwise from east", why, _ADVICE),))
 
 
 def _by_gyro(fields: Fields) -> str:

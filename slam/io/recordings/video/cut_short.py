@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import either
+from slam.core.messages import Message, warning
 from slam.io.recordings.recording import COPY_AGAIN
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ _STREAMED = 1 << 30
 one (``AVI_MAX_RIFF_SIZE`` in libavformat/avienc.c). Lengths are not stated there either."""
 
 
-def without_cut_end(path: Path, shown_s: Array) -> tuple[Array, tuple[str, ...]]:
+def without_cut_end(path: Path, shown_s: Array) -> tuple[Array, tuple[Message, ...]]:
     """Return the times of the pictures that are whole, and a line where the file has fewer than it states.
 
     ``shown_s`` (n,) are the times of the packets in seconds, in the order of the file. In an AVI file that is
@@ -43,19 +44,26 @@ def without_cut_end(path: Path, shown_s: Array) -> tuple[Array, tuple[str, ...]]
         if 0 < stated <= shown_count:
             return shown_s, ()
         if _end_of_riff(path, size) > size:
-            counted = f"; its header counts {stated} pictures" if stated else ""
+            counted = f"its header counts {stated} pictures" if stated else ""
             return shown_s[:-1], (
-                f"the file is cut short after {len(shown_s)} pictures{counted}; the last one, which may be "
-                f"incomplete, is left out; {COPY_AGAIN}",
+                warning(
+                    f"the file is cut short after {len(shown_s)} pictures",
+                    counted,
+                    "the last one, which may be incomplete, is left out",
+                    COPY_AGAIN,
+                ),
             )
         missing = stated - shown_count
         return shown_s, (
-            f"{missing} of {stated} pictures that the header counts {either(missing, 'is', 'are')} missing "
-            f"in the file, and pictures after them come too early by their times; {COPY_AGAIN}",
+            warning(
+                f"{missing} of {stated} pictures that the header counts {either(missing, 'is', 'are')} "
+                "missing in the file, and pictures after them come too early by their times",
+                COPY_AGAIN,
+            ),
         ) * (stated > 0)
     lost = _end_of_segment(head) - size
     if lost > 0:
-        return shown_s, (f"the file is cut short: its last {lost:,} bytes are missing; {COPY_AGAIN}",)
+        return shown_s, (warning(f"the file is cut short: its last {lost:,} bytes are missing", COPY_AGAIN),)
     return shown_s, ()
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.wording import either
+from slam.core.messages import Message, warning
 from slam.io.recordings.logs.field_values import FIX_3D, known_fixes
 from slam.io.recordings.recording import COPY_AGAIN, StreamReadings
 from slam.io.recordings.video import gopro_imu
@@ -49,7 +50,7 @@ class GoproTrack:
     """Axis of each channel of the gyro, as ``ORIN`` states it."""
     others: tuple[tuple[str, int], ...]
     """Key and number of samples of each other series."""
-    damage: tuple[str, ...] = ()
+    damage: tuple[Message, ...] = ()
     """A line that counts the damaged payloads, if there are any."""
     stabilised_deg: float = 0.0
     """Largest angle by which the camera's electronic stabilisation turned a picture."""
@@ -89,10 +90,10 @@ def read_gopro(path: Path, track: Mp4Track) -> GoproTrack:
     imu_s, imu = gopro_imu.joined(*gyro, *accel)
     used = (key, *gopro_imu.KEYS) if len(imu_s) else (key,)
     others = tuple((name, count) for name, count in sorted(counts.items()) if name not in used)
-    line = (
+    line = warning(
         f"{damaged} of {len(track.sizes)} payloads of GoPro's metadata {either(damaged, 'is', 'are')} "
-        "damaged or of an unknown "
-        f"layout; {COPY_AGAIN}"
+        "damaged or of an unknown layout",
+        COPY_AGAIN,
     )
     return GoproTrack(
         key=key,

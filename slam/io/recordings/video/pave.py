@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slam.core.messages import Message, warning
 from slam.core.progress import Progress
 from slam.io.files import refusal
 from slam.io.recordings.recording import COPY_AGAIN, Content, Offer, PictureChannel, Recording
@@ -57,25 +58,31 @@ class _Stream:
             self.times_ms.append(time_ms)
         self.parts.append((begin, end))
 
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Message, ...]:
         """Return a line for everything that is missing."""
         gaps = int(np.maximum(np.diff(self.numbers) - 1, 0).sum())
         lines = (
             (
                 self.before_key,
-                "pictures before the first key picture cannot be decoded and are left out; begin to record "
-                "earlier",
+                warning(
+                    "pictures before the first key picture cannot be decoded and are left out",
+                    "begin to record earlier",
+                ),
             ),
             (
                 gaps,
-                "pictures were not received; later ones may show traces of them; stay nearer to the drone",
+                warning(
+                    "pictures were not received",
+                    "later ones may show traces of them",
+                    "stay nearer to the drone",
+                ),
             ),
             (
                 self.lost_bytes,
-                f"bytes hold no picture (damaged or cut short) and were passed over; {COPY_AGAIN}",
+                warning("bytes hold no picture (damaged or cut short) and were passed over", COPY_AGAIN),
             ),
         )
-        return tuple(f"{count} {line}" for count, line in lines if count)
+        return tuple(line.prefixed(str(count)) for count, line in lines if count)
 
 
 def open_recording(path: Path) -> Recording:

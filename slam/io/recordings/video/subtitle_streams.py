@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.core.geodesy import METRES_PER_DEGREE, metres_per_degree_east
 from slam.core.lens_priors import PLAUSIBLE_FOCAL, UNKNOWN_FOCAL_STD_RATIO
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, clauses_of, note, warning
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.core.streams import Gps
 from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
@@ -55,7 +55,7 @@ def _readings(subtitles: Subtitles, values: Array, nominal: Mapping[str, Value])
     keep = changed_rows(values)
     repeated = int(np.isfinite(values[:, 0]).sum() - keep.sum())
     notes = (
-        as_note(
+        note(
             f"{repeated} of {repeated + int(keep.sum())} subtitles repeat the value before and were dropped"
         ),
     )
@@ -95,7 +95,7 @@ def _attitude(subtitles: Subtitles) -> StreamReadings:
     noise: dict[str, Value] = {"noise_std": [repr(math.radians(v)) for v in GIMBAL_STD_DEG], **_ASSUMED}
     tilts = [tilt_deg(R) for R in w_R_b]
     tilt = float(np.median(tilts)) if tilts else 0.0
-    notes = (f"the camera {tilt_remark(tilt)}",)
+    notes = (tilt_remark(tilt).prefixed("the camera"),)
     return StreamReadings(stamps_ns, values[known], noise, notes * (tilt > MAX_TILT_DEG))
 
 
@@ -113,15 +113,17 @@ def _focal_mm(subtitles: Subtitles) -> Array:
     return focal_mm[np.isfinite(focal_mm) & (focal_mm > 0)]
 
 
-def _implausible_focal(focal_mm: Array, size_px: tuple[int, int]) -> str:
-    """Return a line where the focal lengths (n,) are none on 35 mm film; empty where they are."""
+def _implausible_focal(focal_mm: Array, size_px: tuple[int, int]) -> Message | None:
+    """Return a line where the focal lengths (n,) are none on 35 mm film; None where they are."""
     if not len(focal_mm):
-        return ""
+        return None
     median_mm = float(np.median(focal_mm))
     low, high = PLAUSIBLE_FOCAL
     if low < median_mm / FILM_WIDTH_MM * size_px[0] / max(size_px) < high:
-        return ""
-    return f"focal_len {median_mm:g} mm is not used: no lens has it on 35 mm film (that of the lens itself?)"
+        return None
+    return warning(
+        f"focal_len {median_mm:g} mm is not used: no lens has it on 35 mm film (that of the lens itself?)"
+    )
 
 
 def video_camera(
@@ -129,7 +131,7 @@ def video_camera(
     subtitles: Subtitles | None,
     has_angles: bool,
     by_model: ModelLens | None = None,
-) -> tuple[Camera, list[Line]]:
+) -> tuple[Camera, list[Message]]:
     """Return the camera of a video, and the assumptions, one line each.
 
     ``has_angles`` states that the recording has an attitude. The focal length of the subtitles is that of the
@@ -137,7 +139,7 @@ def video_camera(
     """
     width, height = size_px
     focal_mm = np.empty(0) if subtitles is None else _focal_mm(subtitles)
-    notes = list[Line]()
+    notes = list[Message]()
     if implausible := _implausible_focal(focal_mm, size_px):
         notes.append(implausible)
         focal_mm = np.empty(0)
@@ -146,28 +148,35 @@ def video_camera(
         film_mm = float(np.median(focal_mm))
         focal_px = film_mm / FILM_WIDTH_MM * width
         notes.append(
-            as_note(
-                f"focal length {focal_px:.0f} px from {film_mm:g} mm on 35 mm film; no distortion assumed"
-            )
+            note(f"focal length {focal_px:.0f} px from {film_mm:g} mm on 35 mm film", "no distortion assumed")
         )
         if focal_mm.max() > _ZOOM_RATIO * focal_mm.min():
             zooms = f"from {focal_mm.min():g} to {focal_mm.max():g} mm"
             notes.append(
-                f"the lens zooms {zooms}, but one focal length is modelled; keep the zoom fixed in flight"
+                warning(
+                    f"the lens zooms {zooms}, but one focal length is modelled",
+                    "keep the zoom fixed in flight",
+                )
             )
     elif by_model is not None:
         focal_px, distortion = by_model.focal_px, by_model.distortion
-        notes.append(as_note(f"focal length {focal_px:.0f} px {by_model.remark}"))
+        notes.append(note(*clauses_of(f"focal length {focal_px:.0f} px {by_model.remark}")))
     else:
         focal_px, std_ratio = assumed_focal_px(size_px), UNKNOWN_FOCAL_STD_RATIO
-        notes.append(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}; calibrate the camera")
+        notes.append(
+            warning(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}", "calibrate the camera")
+        )
     if subtitles is not None and subtitles.stabilised:
         notes.append(
-            "pictures are stabilised electronically, so the lens differs from picture to picture; record "
-            "with the stabilisation off"
+            warning(
+                "pictures are stabilised electronically, so the lens differs from picture to picture",
+                "record with the stabilisation off",
+            )
         )
     if not has_angles:
-        notes.append("no angles of the gimbal: looking straight down assumed; keep the camera there")
+        notes.append(
+            warning("no angles of the gimbal: looking straight down assumed", "keep the camera there")
+        )
     camera = Camera(
         focal_px=(focal_px, focal_px),
         center_px=((width - 1) / 2, (height - 1) / 2),

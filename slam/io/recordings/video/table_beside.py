@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.errors import InputError
-from slam.core.messages import Line, as_note
+from slam.core.messages import Message, note, parsed, warning
 from slam.io.recordings.recording import Recording
 from slam.io.recordings.tables.table import Table, read_table, recording_of
 
@@ -21,7 +21,7 @@ the file meanwhile. A record of the flight tells the switch.
 """
 
 
-def table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[Line, ...]]:
+def table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[Message, ...]]:
     """Return the table with the name of a video, and lines about its times or why it is not used.
 
     ``stamps_s`` (n,) are those of the pictures. A table that tells when the camera filmed is that of the
@@ -34,22 +34,22 @@ def table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[L
     try:
         table = read_table(found[0])
     except InputError as fault:
-        return None, (f"{name} beside the video is not used: {fault}",)
-    remarks: tuple[Line, ...] = ()
+        return None, (parsed(f"{name} beside the video is not used: {fault}"),)
+    remarks: tuple[Message, ...] = ()
     if "is_video" in table.series.fields:
         start_s, why = _start_of_video(table, video_s)
         if start_s is None:
-            return None, (f"{name} is not used: {why}; {_as_a_source(path, name)}",)
+            return None, (warning(f"{name} is not used: {why}", _as_a_source(path, name)),)
         rows = len(table.series.stamps_ns)
         table = _cut(table, start_s, video_s)
         used = f"{len(table.series.stamps_ns)} of {rows} rows"
-        remarks = (as_note(f"{name}: {used}, from {start_s:.1f} s on, belong to the video by {why}"),)
+        remarks = (note(f"{name}: {used}, from {start_s:.1f} s on, belong to the video by {why}"),)
     times_s: Array = np.asarray(table.series.stamps_ns * 1e-9, float)
     slack_s = 2 * _SWITCH_S  # a logger that the camera switches may begin before it and end after it
     if not len(times_s) or times_s.min() < -slack_s or times_s.max() > video_s + slack_s:
         span = f", {times_s.min():.1f} to {times_s.max():.1f} s" if len(times_s) else ""
         why = f"its times are not those of the video{span} and 0 to {video_s:.1f} s"
-        return None, (f"{name} is not used: {why}; {_as_a_source(path, name)}",)
+        return None, (warning(f"{name} is not used: {why}", _as_a_source(path, name)),)
     return recording_of(found[0], table), (*remarks, *coverage(name, times_s, video_s))
 
 
@@ -87,7 +87,7 @@ def _cut(table: Table, start_s: float, video_s: float) -> Table:
     return replace(table, series=replace(table.series, stamps_ns=stamps_ns[during], fields=fields))
 
 
-def coverage(name: str, stamps_s: Array, video_s: float) -> tuple[Line, ...]:
+def coverage(name: str, stamps_s: Array, video_s: float) -> tuple[Message, ...]:
     """Return a warning where readings (n,) beside a video begin late or end early."""
     # Each reading holds until the next; the last one for as long as the others. A switch starts loggers too.
     stamps_s = np.sort(stamps_s)
@@ -96,4 +96,6 @@ def coverage(name: str, stamps_s: Array, video_s: float) -> tuple[Line, ...]:
     if begin_s <= max(2 * step_s, _SWITCH_S) and end_s >= video_s - max(step_s, _SWITCH_S):
         return ()
     covered = f"{begin_s:.1f} to {end_s:.1f} s of a video of {video_s:.1f} s"
-    return (f"{name} covers {covered}; beyond, there is no reading; copy it again if it is longer",)
+    return (
+        warning(f"{name} covers {covered}", "beyond, there is no reading", "copy it again if it is longer"),
+    )

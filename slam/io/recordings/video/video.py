@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.wording import either
-from slam.core.messages import Line, about
+from slam.core.messages import Message, about, warning
 from slam.core.progress import Progress
 from slam.io.content import HEAD_BYTES
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
@@ -60,7 +60,7 @@ class _Video:
     """Number of pictures that the decoder holds back, where the file has the times of packets only."""
     lens: ModelLens | None = None
     gopro: GoproTrack | None = None
-    damage: tuple[Line, ...] = ()
+    damage: tuple[Message, ...] = ()
 
 
 def open_recording(path: Path, *subtitles: Path) -> Recording:
@@ -131,19 +131,19 @@ def lasts_as_long(path: Path, subtitles: Path) -> bool:
     return bool((np.abs(ends_s) <= _LONGEST_CUE_S).all())
 
 
-def _remarks_of_gopro(gopro: GoproTrack | None) -> Iterator[Line]:
+def _remarks_of_gopro(gopro: GoproTrack | None) -> Iterator[Message]:
     """Yield a warning where the camera says that it turned its pictures, or that it does not look down."""
     if gopro is None:
         return
     if aside := _looks_aside(gopro):
-        yield about("cam0", aside)
+        yield aside.named("cam0")
     if gopro.stabilised_deg >= _STABILISED_DEG:
         yield (
             about(
                 "cam0",
-                "pictures are stabilised electronically, by up to "
-                f"{gopro.stabilised_deg:.0f} degrees by the camera's own record (IORI), so the lens differs "
-                "from picture to picture; record with the stabilisation (HyperSmooth) off",
+                f"pictures are stabilised electronically, by up to {gopro.stabilised_deg:.0f} degrees by "
+                "the camera's own record (IORI), so the lens differs from picture to picture",
+                "record with the stabilisation (HyperSmooth) off",
             )
         )
 
@@ -183,14 +183,14 @@ def _doubt_of_imu(gopro: GoproTrack) -> str:
     """Return the reason not to take an IMU: pictures that turn otherwise, or a camera that looks aside."""
     if gopro.stabilised_deg >= _STABILISED_DEG:
         return "pictures are stabilised, so they turn otherwise than the camera"
-    return _looks_aside(gopro)
+    return str(_looks_aside(gopro) or "")
 
 
-def _looks_aside(gopro: GoproTrack) -> str:
+def _looks_aside(gopro: GoproTrack) -> Message | None:
     """Return a remark where gravity shows that the camera does not look down."""
     up = up_in_body(gopro.imu.values[:, 3:])
     tilt_deg = 0.0 if up is None else axis_tilt_deg(-up)
-    return f"by gravity the camera {tilt_remark(tilt_deg)}" if tilt_deg > MAX_TILT_DEG else ""
+    return tilt_remark(tilt_deg).prefixed("by gravity the camera") if tilt_deg > MAX_TILT_DEG else None
 
 
 def _opened(path: Path) -> _Video:
@@ -219,16 +219,19 @@ def _opened(path: Path) -> _Video:
     return _Video(stamps_s, size_px, is_timed, subtitles, name, held_back, lens, gopro, damage)
 
 
-def _lost_pictures(track: Mp4Track) -> tuple[Line, ...]:
+def _lost_pictures(track: Mp4Track) -> tuple[Message, ...]:
     """Return a line where pictures of the index lie beyond the end of the file."""
-    line = (
+    line = warning(
         f"the file is cut short: {track.lost} of {len(track.sizes)} pictures of its index lie beyond its end "
-        f"and are lost; {COPY_AGAIN}"
+        "and are lost",
+        COPY_AGAIN,
     )
     return (line,) * bool(track.lost)
 
 
-def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str, tuple[Line, ...]]:
+def _subtitles_of(
+    path: Path, tracks: Sequence[Mp4Track]
+) -> tuple[Subtitles | None, str, tuple[Message, ...]]:
     """Return the subtitles beside a video, else those inside it; their name, and a line about damage."""
     beside = [p for p in path.parent.iterdir() if p.stem == path.stem and p.suffix.lower() == ".srt"]
     if beside:
@@ -238,7 +241,7 @@ def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | N
         return None, "", ()
     subtitles, lost = subtitles_of_track(path, track)
     lead_out = either(lost, "leads out of the file and is", "lead out of the file and are")
-    line = f"{lost} of {len(track.sizes)} subtitles {lead_out} lost; {COPY_AGAIN}"
+    line = warning(f"{lost} of {len(track.sizes)} subtitles {lead_out} lost", COPY_AGAIN)
     return subtitles, f"{path.name} {track.code}", (line,) * bool(lost)
 
 
@@ -266,19 +269,24 @@ def subtitles_of_track(path: Path, track: Mp4Track) -> tuple[Subtitles, int]:
     return parse_subtitles("\n".join(cues)), lost
 
 
-def _coverage(video: _Video) -> tuple[Line, ...]:
+def _coverage(video: _Video) -> tuple[Message, ...]:
     """Return a warning where the subtitles are empty, or begin late or end early."""
     if video.subtitles is None or not len(video.stamps_s):
         return ()
     if not len(video.subtitles.stamps_s):
         return (
-            f"{video.subtitle_name} holds no subtitle; switch subtitles on in the camera to have positions",
+            warning(
+                f"{video.subtitle_name} holds no subtitle",
+                "switch subtitles on in the camera to have positions",
+            ),
         )
     if video.subtitles.unknown:
         first = brief(video.subtitles.unknown, 120)
         return (
-            f"{video.subtitle_name} has no field that is read, first {first!r}; docs/recordings.md lists "
-            "them, or give the readings as a table",
+            warning(
+                f"{video.subtitle_name} has no field that is read, first {first!r}",
+                "docs/recordings.md lists them, or give the readings as a table",
+            ),
         )
     return coverage(video.subtitle_name, video.subtitles.stamps_s, float(video.stamps_s[-1]))
 
@@ -286,7 +294,7 @@ def _coverage(video: _Video) -> tuple[Line, ...]:
 def _pictures(path: Path, video: _Video, has_angles: bool) -> PictureChannel:
     camera, notes = video_camera(video.size_px, video.subtitles, has_angles, video.lens)
     if not video.is_timed:
-        notes.append(f"the file has no times: {ASSUMED_RATE_HZ:g} pictures a second assumed")
+        notes.append(warning(f"the file has no times: {ASSUMED_RATE_HZ:g} pictures a second assumed"))
     stamps_ns = np.round(video.stamps_s * 1e9).astype(np.int64)
     return PictureChannel(
         stamps_ns=stamps_ns,

@@ -21,7 +21,7 @@ from slam.cli.output_folder import LOOPS_NAMES
 from slam.core.errors import InputError
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import Flight
-from slam.core.messages import about, as_unread
+from slam.core.messages import unread
 from slam.core.plot_style import png
 from slam.evaluation.loops import LoopEvaluation, evaluate_loops
 from slam.evaluation.loops.comparison import (
@@ -41,7 +41,7 @@ from tests.slam.small_flight import flown, gps_of, only
 
 LAPS = {"cruise_m_s": 0.5, "way_points": ["A", "B", [1.5, 0.7], [0.3, 0.7], "A"], "laps": 3}
 LIGHT = {"exposure_variation": {"gain": 0.15, "gamma": 0.3, "tau": 0.02}}
-NO_ROWS = about("cam0", as_unread("data.csv has no rows; treated as not recorded"))
+NO_ROWS = unread("data.csv has no rows", "treated as not recorded").named("cam0")
 ALIASED = {"repeat": True, "tile_m": 1.2, "extent_m": [0, 0, 1.8, 1.2], "seed": 3}
 
 

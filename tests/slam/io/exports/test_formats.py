@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from slam.core.messages import as_reason
+from slam.core.messages import reason
 from slam.io.exports.formats import CAMERA, FORMATS, PHOTOGRAPHS, PLACE, ExportKind, export_map
 from tests.slam.io.exports.made_map import exported, made_map, pose
 
@@ -58,7 +58,7 @@ def test_a_failure_leaves_nothing(tmp_path, monkeypatch):
 
 def test_limits_of_the_map_are_named(tmp_path):
     estimate = made_map(pose(), pose(), pose(), origin=None, component=np.array([0, 0, 1]), metric=False)
-    estimate = replace(estimate, messages=(as_reason("the scale is not observed"),))
+    estimate = replace(estimate, messages=(reason("the scale is not observed"),))
     notes = export_map(exported(estimate), "tum", tmp_path / "out")
     assert len(notes) == 3
     assert "the scale is not observed" in notes[0]

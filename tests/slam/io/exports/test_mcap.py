@@ -16,7 +16,7 @@ from slam.core.errors import InputError
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin
-from slam.core.messages import about, as_reason
+from slam.core.messages import about, reason
 from slam.core.streams import Frames
 from slam.io.exports.formats import export_map
 from slam.io.geotiff import Block, Grid, write_bands, write_geotiff
@@ -65,7 +65,7 @@ def whole(tmp_path_factory) -> Path:
         camera=WIDE,
         relative_poses=(edge("odometry"), edge("loop")),
         loops=(rejected,),
-        messages=(as_reason("scale rests on GPS"), about("cam0", "1 picture lost")),
+        messages=(reason("scale rests on GPS"), about("cam0", "1 picture lost")),
         floor_z_m=-0.5,
     )
     rasters(folder, Grid(-4.0, 6.0, 1.0, 8, 6))

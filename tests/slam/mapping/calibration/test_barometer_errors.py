@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backend.measurements import BarometerHeight
-from slam.core.messages import Kind, as_message
+from slam.core.messages import Kind
 from slam.mapping.calibration.barometer_errors import barometer_warning
 
 N = 60
@@ -36,7 +36,7 @@ def test_heights_in_feet_are_told(gain, noise_m, told):
     line = warning(read_m)
     assert str(line).startswith("barometer0: its heights change 3.3 ±") is told
     assert bool(line) is told
-    assert as_message(line).kind is not Kind.NOTE, "somebody has to look at the unit"
+    assert line is None or line.kind is not Kind.NOTE, "somebody has to look at the unit"
     assert barometer_warning(None) is None
 
 

@@ -57,7 +57,7 @@ def test_a_step_is_taken_out_on_both_sides_or_not_at_all():
     np.testing.assert_allclose(taken_out.delays_at(np.array([0.0, 9.0, 10.0, 20.0])), [0, 0, 1, 1])
     torn = shown((0.003, 0.02), (1.0, 0.003))
     assert clock_correction(torn, STAMPS_S) is NO_CORRECTION
-    assert "one side of it is too vague" in clock_contradiction(torn, NO_CORRECTION)
+    assert "one side of it is too vague" in str(clock_contradiction(torn, NO_CORRECTION))
 
 
 def test_a_step_that_would_tear_the_order_of_the_pictures_is_not_taken_out():
@@ -83,11 +83,11 @@ def test_what_is_reported_names_what_was_done():
         f"the clock of cam0 steps against imu0 by +1.0000 ±{SPACE}0.0028 s at 10.00 s: corrected"
     )
     assert "cannot be determined" in str(clock_warning(shown((0.04, np.inf)), NO_CORRECTION))
-    assert "or more" in clock_contradiction(shown((-1.99, 0.001)), NO_CORRECTION)
-    assert "still disagree" in clock_contradiction(shown((0.1, 0.001)), known)
+    assert "or more" in str(clock_contradiction(shown((-1.99, 0.001)), NO_CORRECTION))
+    assert "still disagree" in str(clock_contradiction(shown((0.1, 0.001)), known))
     for clock in (shown((0.01, 0.001)), None):
         assert clock_warning(clock, NO_CORRECTION) is None
-        assert clock_contradiction(clock, NO_CORRECTION) == ""
+        assert clock_contradiction(clock, NO_CORRECTION) is None
 
 
 def test_figures_tell_each_span_of_the_clock():

@@ -45,9 +45,9 @@ def controlled(offset_m, altitude_m=400.0, stated=False) -> ControlReport:
 def test_heights_of_another_unit_or_sign_are_in_the_status(altitude_m, up_m, words):
     report = controlled((-0.4, -0.2, up_m), altitude_m)
     (line,) = control_warnings(report)
-    assert words in line
-    assert f"{abs(up_m):.0f}" in line
-    assert ("below them" if up_m < 0 else "above them") in line
+    assert words in str(line)
+    assert f"{abs(up_m):.0f}" in str(line)
+    assert ("below them" if up_m < 0 else "above them") in str(line)
     assert offset_remarks(report) == []
 
 
@@ -59,7 +59,9 @@ def test_a_datum_and_another_reference_of_heights_are_none():
 
 def test_a_shift_is_told_with_its_size_and_direction():
     (line,) = offset_warnings(controlled((-100.0, -60.0, -47.0)))
-    assert "the GPS lies 117 m off all of them alike (100 m west and 60.0 m south of them)" in spoken(line)
+    assert "the GPS lies 117 m off all of them alike (100 m west and 60.0 m south of them)" in spoken(
+        str(line)
+    )
 
 
 def test_an_offset_beyond_what_fixes_state_is_told_in_words():
@@ -94,15 +96,15 @@ def test_check_points_alone_are_judged():
     noise_m = np.random.default_rng(0).normal(0, (0.02, 0.02, 0.05), (6, 3))
     assert control_warnings(checked(noise_m)) == []
     level, high = control_warnings(checked(noise_m + [1.2, -0.8, 2.5]))
-    assert "the map lies 1.4" in level
-    assert "2.49" in high
-    assert "above all of them alike" in high
+    assert "the map lies 1.4" in str(level)
+    assert "2.49" in str(high)
+    assert "above all of them alike" in str(high)
     # What the fixes share is no contradiction of fixes without corrections.
     assert control_warnings(checked(noise_m + [1.2, -0.8, 2.5], fix_m=ASSUMED_M)) == []
     bent_m = noise_m.copy()
     bent_m[0, 2] += 1.0
     (line,) = control_warnings(checked(bent_m))
-    assert "check points lie up to" in line
+    assert "check points lie up to" in str(line)
 
 
 def test_the_summary_says_what_the_gps_is_compared_with():

@@ -12,7 +12,7 @@ from slam.mapping.warnings.unknown_focal import unknown_focal_warning
 def warning(told_ratio: float, found_ratio: float) -> str:
     lens = SimpleNamespace(calibration=np.full(9, 500.0), std=np.full(9, 500.0 * found_ratio))
     flight = SimpleNamespace(camera=SimpleNamespace(focal_std_ratio=told_ratio))
-    return unknown_focal_warning(flight, SimpleNamespace(bundle=SimpleNamespace(lens=lens)))
+    return str(unknown_focal_warning(flight, SimpleNamespace(bundle=SimpleNamespace(lens=lens))) or "")
 
 
 def test_a_focal_length_that_neither_tags_nor_pictures_tell_is_a_reason() -> None:
@@ -29,6 +29,6 @@ def test_one_that_either_tells_is_none(told: float, found: float) -> None:
 def test_a_map_without_an_estimate_of_the_lens_knows_it_no_better_than_before() -> None:
     flight = SimpleNamespace(camera=SimpleNamespace(focal_std_ratio=UNKNOWN_FOCAL_STD_RATIO))
     for bundle in (None, SimpleNamespace(lens=None)):
-        told = unknown_focal_warning(flight, SimpleNamespace(bundle=bundle))
+        told = str(unknown_focal_warning(flight, SimpleNamespace(bundle=bundle)))
         assert "these pictures do not either: it is assumed, and may be off by 30" in told
         assert "these pictures tell it" not in told

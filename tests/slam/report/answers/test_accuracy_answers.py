@@ -11,7 +11,7 @@ from frontend.camera import Camera
 from slam.core.estimate import GroundFacts
 from slam.core.geodesy import GeoOrigin
 from slam.core.instrument_errors import AttitudeErrors, LensNumber
-from slam.core.messages import Message, about, as_note
+from slam.core.messages import about, warning
 from slam.core.summary import summarise
 from slam.core.units import error_length, length, percent, round_length
 from slam.report.answers.distances import area_share
@@ -39,7 +39,7 @@ def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
 
     assert told(about("gps0", "far off")).partition("\ue000")[0].endswith("they agree.")
     assert (
-        told(as_note(about("imu0", "an offset that the map estimates")))
+        told(about("imu0", "an offset that the map estimates").as_note())
         .partition("\ue000")[0]
         .endswith("they agree.")
     )
@@ -102,7 +102,7 @@ def test_a_doubted_attitude_says_what_its_tilt_does_to_heights():
     off = AttitudeErrors((0.08, 0.06), (0.01, 0.01), 0.1, 0.1, None)
     noted = replace(
         estimate,
-        messages=(Message("attitude0 is tilted by 5.7 degrees", about="attitude0"),),
+        messages=(warning("attitude0 is tilted by 5.7 degrees").concerning("attitude0"),),
         instruments=replace(estimate.instruments, attitude=off),
     )
     across_m = max(gather(estimate, flight).extent_m)

@@ -47,7 +47,7 @@ def test_advice_follows_from_what_limits_and_from_what_is_at_hand():
     assert "slam evaluate OUT --truth FLIGHT" in advice(replace(facts, has_truth=True), by_range)
     exact = advice(replace(facts, range_exact=True), by_range)
     assert "sensor.yaml" not in exact, "what is taken as exact is stated there already"
-    bare = replace(by_gps, messages=(about(BARE_GROUND, "40 of 200 pictures are left out; fly higher"),))
+    bare = replace(by_gps, messages=(about(BARE_GROUND, "40 of 200 pictures are left out", "fly higher"),))
     missing = replace(plain, frames=200)
     lost = replace(summarise(bare), rejected={"too few features": 40})
     assert advice(missing, bare, lost).startswith("If you need the ground that is missing, cross it higher")

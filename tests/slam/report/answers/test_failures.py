@@ -12,7 +12,7 @@ from frontend.views import SAME_PICTURE
 from slam.core.estimate import GroundFacts
 from slam.core.instrument_errors import AttitudeErrors
 from slam.core.lost_pictures import REDUNDANT, SHOW_NOTHING, TRACKING_LOST
-from slam.core.messages import as_reason
+from slam.core.messages import reason
 from slam.core.summary import summarise
 from slam.core.units import length
 from slam.report.answers.headline import sentence
@@ -55,7 +55,7 @@ def test_what_failed_is_told():
     )
     lost = replace(
         estimate,
-        messages=(as_reason("two parts"),),
+        messages=(reason("two parts"),),
         rejected={TRACKING_LOST: 2},
         not_drawn={"a.png": "why", "b.png": REDUNDANT},
     )

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.core.messages import Message, about, as_note
+from slam.core.messages import about, warning
 from slam.core.streams import Gps, Scalar
 from slam.core.units import error_length, percent
 from slam.report.tables.instruments import NOT_USED, instrument_table, unused_instruments
@@ -65,10 +65,10 @@ def test_an_assumed_accuracy_is_told_as_assumed():
 
 def test_an_instrument_that_a_warning_names_is_doubted_and_one_that_a_note_names_is_not():
     messages = (
-        about("gps0", "far off: is it held; compare imu0"),
-        Message("barometer0 falls where the camera climbs", about="barometer0"),
+        about("gps0", "far off: is it held", "compare imu0"),
+        warning("barometer0 falls where the camera climbs").concerning("barometer0"),
         about("bare ground", "cam0 sees nothing"),
-        as_note(about("sonar0", "noted")),
+        about("sonar0", "noted").as_note(),
     )
     shares = {**SHARES, "z": {"pictures": 1.0}}
     estimate = replace(made_estimate(), information_shares=shares, messages=messages)

@@ -10,7 +10,7 @@ from slam import simulate
 from slam.cli.replay import table
 from slam.core.errors import InputError
 from slam.core.flight import Flight
-from slam.core.messages import about, as_unread
+from slam.core.messages import unread
 from slam.core.streams import AttitudeSeries, Command, Truth, Velocity
 from slam.simulation.model import Model
 from slam.simulation.recipe import recipe_from
@@ -215,7 +215,7 @@ def test_the_picture_enlarges_the_longest_push_and_leaves_out_empty_channels():
 
 
 STAMPS = np.arange(0, 5, 0.05)
-NO_ROWS = about("command0", as_unread("data.csv has no rows; treated as not recorded"))
+NO_ROWS = unread("data.csv has no rows", "treated as not recorded").named("command0")
 SOME = Command(STAMPS, np.zeros((100, 4)))
 STILL = Truth(STAMPS, np.tile(np.eye(4), (100, 1, 1)))
 

@@ -51,7 +51,7 @@ def test_the_lens_agrees_with_opencv_within_the_error_it_states(model, coefficie
     expected = by_opencv(model, coefficients)
     inside = ((expected >= 0) & (expected <= np.subtract(SIZE_PX, 1))).all(axis=1)
     error_px = np.linalg.norm(projected(lens) - expected, axis=1)[inside].max()
-    stated = re.search(r"up to ([0-9.]+) px", " ".join(notes))
+    stated = re.search(r"up to ([0-9.]+) px", " ".join(map(str, notes)))
     # The tangential part is taken as it is, which adds a few hundredths of a pixel.
     assert inside.sum() > 200
     assert error_px < (1.1 * float(stated[1]) + 0.05 if stated else 1e-3)

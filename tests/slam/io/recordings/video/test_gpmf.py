@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slam.core.messages import warning
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
@@ -95,7 +96,7 @@ def test_a_damaged_payload_is_passed_over_and_counted(damage, tmp_path):
     assert found.positions.stamps_ns.tolist() == [1_000_000_000]
     assert found.positions.values.tolist() == [[47.5, 8.25, 488.25]]
     damaged = "1 of 2 payloads of GoPro's metadata is damaged or of an unknown layout"
-    assert found.damage == (f"{damaged}; {COPY_AGAIN}",)
+    assert found.damage == (warning(damaged, COPY_AGAIN),)
     assert positions(tmp_path / "a.mp4", [whole + bytes(12)]).damage == (), "zeros pad a payload"
 
 
