@@ -25,7 +25,7 @@ from slam.simulation.model import Model, load_model, save_model
 from slam.simulation.recipe import Recipe, load_recipe
 from tests.fuzz.photographs import photograph
 from tests.fuzz.recordings import RECORDINGS, SECONDS, Recorded, gopro, gopro_positions
-from tests.slam.cli.test_cli import SQUARE
+from tests.slam.cli.commands import SQUARE
 from tests.slam.io.made_flight import made_flight
 from tests.slam.io.photos.photo_files import fill
 from tests.slam.io.test_damage import check

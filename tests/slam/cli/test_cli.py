@@ -5,73 +5,21 @@ from __future__ import annotations
 import json
 import os
 import re
-import resource
-import shutil
-import signal
-import subprocess
 import sys
-import tempfile
-from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import slam.__main__
 import slam.cli.graph
-from slam.cli import app
 from slam.cli.output_folder import MARKER_NAME
 from slam.io.estimate import read_estimate
+from tests.slam.cli.commands import SQUARE, assert_refused, run, shell
 
 GRAPH_FILES = {
     MARKER_NAME, "trajectory.tum", "graph.g2o", "estimate.npz", "loops.csv", "summary.json", "report.html",
     "map.html",
 }  # fmt: skip
-SQUARE = """VERTEX_SE2 0 0 0 0
-VERTEX_SE2 1 1.1 0 1.5708
-VERTEX_SE2 2 1 1.2 3.1416
-VERTEX_SE2 3 -0.1 1 -1.5708
-EDGE_SE2 0 1 1 0 1.5707963 100 0 0 100 0 1000
-EDGE_SE2 1 2 1 0 1.5707963 100 0 0 100 0 1000
-EDGE_SE2 2 3 1 0 1.5707963 100 0 0 100 0 1000
-EDGE_SE2 3 0 1 0 1.5707963 100 0 0 100 0 1000
-"""
-
-
-def run(*arguments: object):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def shell(*arguments: object, **options):
-    command = [sys.executable, "-m", "slam", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
-
-
-def last_line(text: str) -> str:
-    """The line of the error, after those of the progress."""
-    return text.splitlines(keepends=True)[-1]
-
-
-def assert_refused(result, saying: str = "", code: int = 1) -> None:
-    assert result.exit_code == code, result.output
-    assert re.fullmatch(rf"slam: [^\n]*{saying}[^\n]*\n", last_line(result.stderr)), result.stderr
-    assert "Traceback" not in result.output
-
-
-@pytest.fixture
-def graph(tmp_path) -> Path:
-    path = tmp_path / "square.g2o"
-    path.write_text(SQUARE)
-    return path
-
-
-@pytest.fixture(scope="module")
-def solved(tmp_path_factory) -> Path:
-    """The output of the graph; tests copy it before they change it."""
-    folder = tmp_path_factory.mktemp("solved")
-    (folder / "square.g2o").write_text(SQUARE)
-    assert run("optimize", folder / "square.g2o", "--out", folder / "out").exit_code == 0
-    return folder / "out"
 
 
 def test_info_and_optimize_report_rank_deficient_edges(graph, tmp_path, no_figures):
@@ -285,65 +233,3 @@ def test_a_low_memory_limit_is_refused(graph, tmp_path, monkeypatch):
     monkeypatch.setattr("resource.getrlimit", lambda _: (300 << 20, -1))
     assert_refused(run("optimize", graph, "--out", tmp_path / "out"), "ulimit")
     assert not (tmp_path / "out").exists()
-
-
-def test_foreign_files_stay(graph, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "thesis.tex").write_text("mine")
-    assert_refused(run("optimize", graph, "--out", tmp_path / "out"), "thesis.tex")
-    assert os.listdir(tmp_path / "out") == ["thesis.tex"]
-
-
-@pytest.mark.parametrize(
-    ("failure", "saying", "code"),
-    [
-        (KeyboardInterrupt(), "interrupted", 130),
-        (MemoryError(), "memory", 1),
-        (OSError(12, "Cannot allocate memory", "/out"), "--no-mosaic", 1),
-        (ImportError("libopenblas.so: failed to map segment from shared object"), "--no-mosaic", 1),
-        (OSError(28, "No space left on device", "/out/mosaic.tif"), "disk is full", 1),
-        (OSError(28, "No space left on device", tempfile.gettempdir()), "TMPDIR", 1),
-        (BlockingIOError(11, "Resource temporarily unavailable"), "ulimit -u", 1),
-        (RuntimeError("can't start new thread"), "ulimit -u", 1),
-        (OSError(30, "Read-only file system", "/out/mosaic.tif"), "read-only", 1),
-        (ZeroDivisionError("a\nb"), "internal error: ZeroDivisionError", 1),
-    ],
-)
-def test_a_failure_in_the_middle_leaves_the_old_output(
-    graph, solved, tmp_path, monkeypatch, failure, saying, code
-):
-    shutil.copytree(solved, tmp_path / "out")
-    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
-
-    def fail(*_: object) -> None:
-        raise failure
-
-    monkeypatch.setattr(slam.cli.graph, "_estimate", fail)
-    assert_refused(run("optimize", graph, "--out", tmp_path / "out"), saying, code)
-    assert_refused(run("optimize", graph, "--out", tmp_path / "fresh"), saying, code)
-    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
-    assert sorted(os.listdir(tmp_path)) == ["out", "square.g2o"]
-
-
-def test_debug_prints_the_traceback(graph, tmp_path, monkeypatch):
-    monkeypatch.setattr(slam.cli.graph, "_estimate", lambda *_: 1 / 0)
-    result = run("--debug", "optimize", graph, "--out", tmp_path / "out")
-    assert result.exit_code == 1
-    assert "Traceback" in result.stderr
-    assert "ZeroDivisionError" in result.stderr
-
-
-def test_a_full_disk_is_one_line(graph, tmp_path, no_figures):
-    """A real refusal of the system, by a limit on the size of files, in a process of its own."""
-    assert run("optimize", graph, "--out", tmp_path / "out").exit_code == 0
-    before = (tmp_path / "out" / "summary.json").read_bytes()
-
-    def limit() -> None:
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
-
-    done = shell("optimize", graph, "--out", tmp_path / "out", preexec_fn=limit)
-    assert done.returncode == 1
-    assert re.fullmatch(r"slam: [^\n]+\n", last_line(done.stderr)), done.stderr
-    assert (tmp_path / "out" / "summary.json").read_bytes() == before
-    assert sorted(os.listdir(tmp_path)) == ["out", "square.g2o"]

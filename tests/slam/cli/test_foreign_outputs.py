@@ -10,7 +10,7 @@ import pytest
 
 from slam.cli.output_folder import output_folder
 from slam.core.errors import InputError
-from tests.slam.cli.test_cli import SQUARE, run
+from tests.slam.cli.commands import SQUARE, run
 from tests.slam.cli.written_output import contents, write_output
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from slam.cli.limits import check_limits
-from tests.slam.cli.test_cli import SQUARE
+from tests.slam.cli.commands import SQUARE
 
 FULL = Path("/dev/full")
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="there is no device that is always full")

@@ -9,9 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rasterio
-from typer.testing import CliRunner
 
-from slam.cli import app
 from slam.cli.output_folder import OPTIMIZE_NAMES, RASTERS_IN_SYSTEM, output_folder
 from slam.cli.results import _write_in_system
 from slam.core.geodesy import GeoOrigin, geodetic_from_enu
@@ -21,15 +19,12 @@ from slam.io.exports.geotiff import RASTERS
 from slam.io.flight_folder import write_flight
 from slam.io.geotiff import Grid, write_bands
 from slam.simulation import simulate
-from tests.slam.cli.test_flights import RECIPE, assert_refused
+from tests.slam.cli.commands import assert_refused, run
+from tests.slam.cli.tiny_flight import RECIPE
 from tests.slam.evaluation.scene import flight_of, smooth_poses
 from tests.slam.io.exports.made_map import made_map, pose
 
 ORIGIN = GeoOrigin(40.5, -74.4, 30.0)
-
-
-def run(*arguments: object):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def test_every_raster_has_its_name_in_the_other_system():

@@ -4,30 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import re
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from slam.cli import app
 from slam.cli.output_folder import REPLAY_NAMES
 from slam.simulation.model import Model, save_model
+from tests.slam.cli.commands import assert_refused, run
 from tests.slam.cli.pulse_recipe import RECIPE
-
-
-def run(*arguments: object):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def last_line(text: str) -> str:
-    """The line of the error, after those of the progress."""
-    return text.splitlines(keepends=True)[-1]
-
-
-def assert_refused(result, saying: str) -> None:
-    assert result.exit_code == 1, result.output
-    assert re.fullmatch(rf"slam: [^\n]*{saying}[^\n]*\n", last_line(result.stderr)), result.stderr
 
 
 @pytest.fixture(scope="module")

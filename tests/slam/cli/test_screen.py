@@ -17,8 +17,8 @@ from slam.cli import app
 from slam.core.flight import Flight
 from slam.core.streams import Imu
 from slam.io.flight_writer import write_flight
-from tests.slam.cli.test_cli import SQUARE
-from tests.slam.cli.test_flights import RECIPE
+from tests.slam.cli.commands import SQUARE
+from tests.slam.cli.tiny_flight import RECIPE
 
 LONG = {
     "demo", "optimize", "estimate", "evaluate", "locate", "loops", "simulate", "replay", "reproduce",

@@ -1,7 +1,6 @@
 """Flight folders: what is written comes back as it was."""
 
 import dataclasses
-import os
 import pickle
 from pathlib import Path
 
@@ -31,8 +30,6 @@ from slam.core.streams import (
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.streams import COLUMNS
 from tests.slam.io.made_flight import made_flight, ns, picture
-
-DATA = os.environ.get("SLAM_DATA")
 
 
 def assert_same(a, b, tolerance=0.0):
@@ -301,81 +298,3 @@ def test_warnings_are_read_back_and_kept(tmp_path):
         about.write_text(wrong)
         with pytest.raises(InputError, match="line 1: assumed is not a list"):
             read_flight(tmp_path / "b")
-
-
-def flights():
-    if not DATA:
-        return []
-    roots = [*Path(DATA, "flights").rglob("mav0"), *Path(DATA, "blind-dev/cases").glob("*/*/mav0")]
-    return sorted(str(p.parent.relative_to(DATA)) for p in roots)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set")
-def test_measured_flights_read(tmp_path):
-    assert len(flights()) > 10
-    for name in flights():
-        flight = read_flight(Path(DATA, name))
-        known = [getattr(flight, f) for f in STREAMS if getattr(flight, f) is not None]
-        assert known, name
-        for series in known:
-            assert (np.diff(series.stamps_s) > 0).all(), name
-        assert min(s.stamps_s[0] for s in known) == 0.0
-        expected = ("not a stream", "treated as missing: at or beyond max_range")
-        assert all(any(t in w for t in expected) for w in flight.warnings), (name, flight.warnings)
-
-
-@pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set")
-def test_measured_flight_against_a_plain_reader():
-    """numpy's own csv reader as the oracle for one measured flight."""
-    folder = Path(DATA, "flights/ardrone2-hybrid")
-    flight = read_flight(folder)
-    raw = np.genfromtxt(folder / "mav0/sonar0/data.csv", delimiter=",", skip_header=1)
-    np.testing.assert_array_equal(flight.sonar.range_m, raw[:, 1])
-    raw = np.genfromtxt(folder / "mav0/imu0/data.csv", delimiter=",", skip_header=1)
-    np.testing.assert_array_equal(np.hstack([flight.imu.gyro_rad_s, flight.imu.accel_m_s2]), raw[:, 1:])
-    first = (folder / "mav0/state_groundtruth_estimate0/data.csv").read_text().splitlines()[1]
-    assert flight.epoch_ns == int(first.split(",")[0])
-    assert flight.frames[0].read().shape == (144, 176, 3)
-    assert set(flight.landmarks) == set("ABCDEFGH")
-
-
-def test_the_antenna_s_place_survives(tmp_path):
-    flight = made_flight()
-    mount = np.eye(4)
-    mount[:3, 3] = [0.1, -0.2, 0.3]
-    gps = dataclasses.replace(flight.gps, b_T_s=mount, antenna_std_m=0.05)
-    write_flight(dataclasses.replace(flight, gps=gps), tmp_path / "flight")
-    back = read_flight(tmp_path / "flight").gps
-    np.testing.assert_array_equal(back.b_T_s, mount)
-    assert back.antenna_std_m == 0.05
-
-
-@pytest.mark.parametrize("system", ["EPSG:4979", "EPSG:5773", "EPSG:5783", ""])
-def test_the_level_of_altitudes_survives(tmp_path, system):
-    flight = made_flight()
-    gps = dataclasses.replace(flight.gps, height_system=system)
-    write_flight(dataclasses.replace(flight, gps=gps), tmp_path / "flight")
-    back = read_flight(tmp_path / "flight")
-    assert back.gps.height_system == back.geo_origin().height_system == system
-
-
-@pytest.mark.parametrize(
-    ("written", "system"),
-    [("sea level", "EPSG:5773"), ("Ellipsoid", "EPSG:4979"), ("epsg:5783", "EPSG:5783")],
-)
-def test_the_level_of_altitudes_has_words(tmp_path, written, system):
-    write_flight(made_flight(), tmp_path / "flight")
-    with (tmp_path / "flight/mav0/gps0/sensor.yaml").open("a") as file:
-        file.write(f"height_system: {written}\n")
-    assert read_flight(tmp_path / "flight").gps.height_system == system
-
-
-@pytest.mark.parametrize("written", ["geoid", "EPSG:99999", "EPSG:32632", "EPSG:5715"])
-def test_a_level_that_is_not_known_is_refused(tmp_path, written):
-    """The last one has depths, positive downwards."""
-    write_flight(made_flight(), tmp_path / "flight")
-    with (tmp_path / "flight/mav0/gps0/sensor.yaml").open("a") as file:
-        file.write(f"height_system: {written}\n")
-    with pytest.raises(InputError, match=r"height_system is .*write ellipsoid, sea level"):
-        read_flight(tmp_path / "flight")
