@@ -7,6 +7,8 @@ all loops disagree with odometry. In both cases one explanation needs no false l
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,14 +56,14 @@ def lowest_fit(gauge_fixed: GaugeFixedProblem, fit: GraphFit, *starts: Array) ->
     return fit
 
 
-def one_factor_explains(gauge_fixed: GaugeFixedProblem, fit: GraphFit, w_T: Array) -> bool:
+def one_factor_explains(gauge_fixed: GaugeFixedProblem, fit: GraphFit, maps: Sequence[Array]) -> bool:
     """Return whether a fit of all edges is one of true edges whose deviations are off by one factor.
 
     No edge may stand out from the noise that the others show without it (F test). A false loop that no other
     one checks, and a wrong step under all loops, spread over all edges of their cycles: each of these stands
     out, or leaves nothing that shows the noise. Deviations times that factor have to tell a false loop from a
-    true one, unless the stated ones do not either. ``w_T`` (n, 4, 4) are poses of the size of the map: many
-    false loops pull those of the fit together.
+    true one in all ``maps`` of poses (n, 4, 4), unless the stated ones do so in none: false loops may have
+    pulled a map together or apart, and a loop tells less in a smaller one.
     """
     test, problem = fit.test, gauge_fixed.problem
     if test.passed:
@@ -76,5 +78,10 @@ def one_factor_explains(gauge_fixed: GaugeFixedProblem, fit: GraphFit, w_T: Arra
     of_others = max((test.statistic - gain) / rest, 0.0)
     if gain / problem.dof > f_limit(SIGNIFICANCE / len(problem.i), problem.dof, rest) * of_others:
         return False
-    factor = float(np.sqrt(test.statistic / test.dof))
-    return are_selective(problem.with_noise(factor), w_T) or not are_selective(problem, w_T)
+    scaled = problem.with_noise(float(np.sqrt(test.statistic / test.dof)))
+    return all(are_selective(scaled, w_T) for w_T in maps) or not are_selective_in_any(problem, maps)
+
+
+def are_selective_in_any(problem: Problem, maps: Sequence[Array]) -> bool:
+    """Return whether the stated deviations tell a false loop from a true one in one of the maps."""
+    return any(are_selective(problem, w_T) for w_T in maps)

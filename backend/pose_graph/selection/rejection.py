@@ -12,14 +12,18 @@ from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, GraphFit, least_squares_fit
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import MAX_HYPOTHESES, recheck_rejected, tail_inflation
-from backend.pose_graph.selection.all_edges import loses_most_loops, lowest_fit, one_factor_explains
+from backend.pose_graph.selection.all_edges import (
+    are_selective_in_any,
+    loses_most_loops,
+    lowest_fit,
+    one_factor_explains,
+)
 from backend.pose_graph.selection.chains import chain_members, connected
 from backend.pose_graph.selection.doubts import agreement_is_lost, doubtful_odometry, odometry_dispute
 from backend.pose_graph.selection.draw import draw_loops
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
-from backend.pose_graph.selection.own_noise import are_selective
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import noise_scale, sample_posterior
 from backend.pose_graph.selection.reweighted import reweighted_fit
@@ -59,10 +63,11 @@ def _without_false_loops(gauge_fixed: GaugeFixedProblem, fit: GraphFit, found: S
     """Return all edges where these need no false loop, and the selection that loses most loops otherwise."""
     problem = gauge_fixed.problem
     lowest = lowest_fit(gauge_fixed, fit, found.fit.w_T)
-    if not one_factor_explains(gauge_fixed, lowest, found.fit.w_T):
+    maps = lowest.w_T, found.fit.w_T
+    if not one_factor_explains(gauge_fixed, lowest, maps):
         return found
     everything = Selection.of(problem, np.ones_like(found.kept), lowest)
-    if lowest.test.passed or not are_selective(problem, found.fit.w_T):
+    if lowest.test.passed or not are_selective_in_any(problem, maps):
         return everything
     return everything if _is_more_probable(gauge_fixed, everything, found) else found
 

@@ -56,7 +56,7 @@ def test_heading_of_a_vehicle_that_hovers_is_told_as_unknown():
     assert not found.is_known
     inputs = filter_input(flight, InertialTrust(), Adjustments(heading=found))
     assert inputs.start.yaw_std_rad == pytest.approx(np.pi / np.sqrt(3))
-    assert any("heading is unknown" in line for line in _unobserved(inputs, 1.0))
+    assert any("heading is unknown" in str(line) for line in _unobserved(inputs, 1.0))
 
 
 def test_heading_is_not_searched_where_a_yaw_or_no_position_is_measured():

@@ -96,7 +96,8 @@ def test_points_whose_pixels_are_not_trusted_are_not_used_and_that_is_said():
     verdict = comparison.judge(bundle, np.ones(len(made), bool))
     assert not verdict.used.any()
     (line,) = control_warnings(verdict.report(bundle, verdict.used))
-    assert line.startswith("control points: none is used: their pixels lie off; count pixels from the upper")
+    expected = "control points: none is used: their pixels lie off; count pixels from the upper"
+    assert str(line).startswith(expected)
 
 
 @pytest.mark.slow
