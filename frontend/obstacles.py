@@ -67,7 +67,8 @@ class ObstacleList:
                 every[k] = replace(every[k], measured_by=tuple(names))
             if not same:
                 every.append(other)
-        return ObstacleList(self.above_m, _largest_first(every))
+        above_m = min(self.above_m, others.above_m) if others.found else self.above_m
+        return ObstacleList(above_m, _largest_first(every))
 
 
 def standing_on(

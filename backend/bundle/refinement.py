@@ -179,8 +179,12 @@ def refine(
     fisheye = fisheye_by_evidence(solved.optimum, solved.minimum.error, at.values)
     solved = _solved_again(solved, fisheye, at.values, on_step)
     shutter = readout_test(solved.optimum)
-    rolling = _solved_again(solved, freed_readout(solved.optimum, shutter), at.values, on_step)
-    if rolling is not solved and is_rolling(found := readout_test(rolling.optimum)):
+    try:
+        rolling = _solved_again(solved, freed_readout(solved.optimum, shutter), at.values, on_step)
+        found = None if rolling is solved else readout_test(rolling.optimum)
+    except BackendError:  # a read-out time without a solution is no evidence against the one that is found
+        found = None
+    if found is not None and is_rolling(found):
         solved, shutter = rolling, found
     return _result(solved, readout_estimate(solved.optimum, shutter))
 

@@ -20,6 +20,8 @@ FEWEST = 20
 MOVING = 0.2
 """Least scatter within a second, as a share of what is usual in the flight. A rotor at rest leaves the gyros
 of the measured vehicles a twentieth of it, and a hover between brisk manoeuvres a third."""
+_BRISK = 0.95
+"""Quantile of the seconds that stands for the briskest motion, a blow at landing left out."""
 
 
 def others_move(streams: Sequence[InstrumentReadings], name: str, begin_s: float, end_s: float) -> bool:
@@ -35,12 +37,16 @@ def _moves(stream: InstrumentReadings, begin_s: float, end_s: float) -> bool:
         return False
     if stream.name == "sonar":
         return bool(np.median(values[inside]) > LOWEST_M)
-    within, usual = (_scatter(times_s[part], values[part]) for part in (inside, ~inside))
-    return within > MOVING * usual
+    within, outside = (_scatters(times_s[part], values[part]) for part in (inside, ~inside))
+    if not len(within) or not len(outside):
+        return False
+    # A record may be at rest for most of its time: what is usual is that of the seconds in motion.
+    usual = outside[outside >= MOVING * np.quantile(outside, _BRISK)]
+    return bool(np.median(within) > MOVING * np.median(usual))
 
 
-def _scatter(times_s: Array, values: Array) -> float:
-    """Return the median of the standard deviations within the seconds of some readings (n, channels)."""
+def _scatters(times_s: Array, values: Array) -> Array:
+    """Return the standard deviations (seconds,) of some readings (n, channels) within each second."""
     edges = np.flatnonzero(np.diff(np.floor(times_s))) + 1
     stds = [part.std(axis=0) for part in np.split(values, edges) if len(part) > 1]
-    return float(np.median(np.linalg.norm(stds, axis=1))) if stds else 0.0
+    return np.asarray(np.linalg.norm(np.reshape(stds, (len(stds), values.shape[1])), axis=1))

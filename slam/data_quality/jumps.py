@@ -123,6 +123,8 @@ def _peaks(times_s: Array, size: Array, std: float) -> Ints:
     while len(peaks) <= MOST_JUMPS and left.max() > 0.0:
         peaks.append(int(np.argmax(left)))
         left[np.abs(times_s - times_s[peaks[-1]]) <= 2.0 * NODE_S] = 0.0
+    if not peaks:
+        return np.zeros(0, dtype=np.int64)
     sizes = np.append(size[peaks], 0.0)
     ahead = sizes[:-1] / np.maximum(sizes[1:], LEAST_RATIO * std / AHEAD)
     ahead[MOST_JUMPS:] = 0.0

@@ -183,7 +183,7 @@ def read_names(path: Path, root: Path, title: str, numbers: tuple[CsvColumn, ...
     table = CsvTable(
         path=path,
         stamps_ns=np.array(stamps, np.int64),
-        values=np.array(values).reshape(-1, len(numbers)),
+        values=np.array(values).reshape(len(stamps), len(numbers)),
         names=tuple(names),
         lines=np.array(lines, np.int64),
         notes=notes,

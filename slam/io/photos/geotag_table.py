@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
@@ -133,8 +133,18 @@ def _placed(
     photos: Sequence[Photo], folder: Path, name: str, geotags: _Geotags
 ) -> tuple[list[Photo], list[Message]]:
     """Return photographs with the positions of a table, and lines about it."""
-    matches = PictureNames.of([photo.name for photo in photos]).matched(geotags, folder.name)
-    geotag_of = {picture: geotags[written] for written, picture in matches.picture.items()}
+    inner = {photo.path.relative_to(folder).as_posix().casefold(): photo.name for photo in photos}
+    path_of = {written: written.replace("\\", "/").casefold() for written in geotags}
+    exact = {written: inner[path] for written, path in path_of.items() if path in inner}
+    # A photograph whose own row is there is not meant by one of the same name in another folder.
+    others = [written for written in geotags if written not in exact]
+    matches = PictureNames.of([photo.name for photo in photos]).matched(others, folder.name)
+    path_in = {name: path for path, name in inner.items()}
+    elsewhere = [w for w, picture in matches.picture.items() if not _may_be(path_of[w], path_in[picture])]
+    geotag_of = {
+        picture: geotags[written] for written, picture in matches.picture.items() if written not in elsewhere
+    }
+    geotag_of |= {picture: geotags[written] for written, picture in exact.items()}
     placed, far, is_moved = list[Photo](), list[tuple[float, str]](), list[bool]()
     for photo in photos:
         geotag = geotag_of.get(photo.name)
@@ -166,15 +176,19 @@ def _placed(
                 "write the folders too",
             )
         )
-    if matches.unknown:
-        names = listed([brief(each, 40) for each in sorted(matches.unknown)])
+    if unknown := [*matches.unknown, *elsewhere]:
+        names = listed([brief(each, 40) for each in sorted(unknown)])
         remarks.append(
             warning(
-                f"{name} has positions of {counted(len(matches.unknown), 'file')} that are none of them "
-                f"({names})"
+                f"{name} has positions of {counted(len(unknown), 'file')} that are none of them ({names})"
             )
         )
     return placed, remarks
+
+
+def _may_be(written: str, path: str) -> bool:
+    """Return whether two paths may be of one file: folders next to it agree where both have one."""
+    return len({PurePosixPath(each).parent.name for each in (written, path)} - {""}) <= 1
 
 
 def _with_own_accuracy(photos: Sequence[Photo], is_moved: Sequence[bool]) -> list[Photo]:

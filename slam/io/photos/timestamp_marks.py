@@ -196,5 +196,6 @@ def _about(name: str, found: Sequence[tuple[PhotoPosition, _Mark]], total: int) 
     beside = f"those in the tags differ by up to {apart_m:.2g} m along the ground" if known else ""
     return note(
         f"places of {len(found)} of {total} photographs, with their accuracies, are those of {name}: of the "
-        f"camera, {offset_m:.2g} m from the antenna on average{beside}"
+        f"camera, {offset_m:.2g} m from the antenna on average",
+        beside,
     )

@@ -152,18 +152,18 @@ def _reasons(
     metric = bool(map_.edges.heights.metric[map_.component >= 0].all())
     by_metres = metric or map_.georeferenced
     antenna = _refuted_antenna(context, map_)
-    lines = [
+    lines: list[Message | None] = [
         _refuted_lens(context, map_),
         antenna if _antenna_is_stated(flight) else None,
         # First, because instruments contradict a map that a lens has bent.
         systematic if systematic is not None and systematic.kind is Kind.REASON else None,
-        *map_.no_scale,
+        *map(parsed, map_.no_scale),
         *map_.warnings,
         *(control_warnings(map_.control) if map_.control is not None else ()),
         *(bridge.warning for bridge in map_.bridges),
         lines_alone_warning(map_),
         unknown_focal_warning(flight, map_),
-        *map_.graph.disputed_odometry,
+        *map(parsed, map_.graph.disputed_odometry),
         *contradicted_step_warnings(flight, map_),
         *(
             found.warning
@@ -172,7 +172,7 @@ def _reasons(
         ),
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
-        _tilt_warning(map_, tilt) if tilt is not None and tilt.is_too_large else "",
+        _tilt_warning(map_, tilt) if tilt is not None and tilt.is_too_large else None,
         slope_by_attitude_warning(map_),
         rolling_ground_warning(map_, shares),
         lean_warning(flight, map_, tilt),

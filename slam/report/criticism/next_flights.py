@@ -149,6 +149,6 @@ def _how(result: Criticism, text: str) -> str:
         "" if result.limits or not _SHARE.search(text) else "Sticks are told as shares of full deflection. "
     )
     many = len(result.flights) >= FEWEST_FLIGHTS
-    more = "" if many else ": from then on whole flights are in_file out"
+    more = "" if many else ": from then on whole flights are held out"
     again = f"Repeat each manoeuvre in {FEWEST_FLIGHTS} recordings or more and judge them together with these"
     return f"{sticks}{again}{more}."

@@ -10,7 +10,7 @@ import pytest
 
 from slam.data_quality.anomalies import readings_in_words, without_frozen
 from slam.data_quality.frozen import Frozen
-from slam.data_quality.jumps import jumps
+from slam.data_quality.jumps import _peaks, jumps
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -140,3 +140,7 @@ def test_a_range_over_a_box_is_a_step_of_the_floor_where_commands_show_it():
     assert (box.channel, box.count, box.is_shown_otherwise) == ("range", 2, True)
     (zero,) = jumps(moved("sonar", "range_m", ..., 0.3, lambda t: t > begin_s + 15.0))
     assert (zero.count, zero.is_shown_otherwise) == (1, False)
+
+
+def test_a_channel_without_any_difference_has_no_jump():
+    assert len(_peaks(np.arange(5.0), np.zeros(5), 1.0)) == 0

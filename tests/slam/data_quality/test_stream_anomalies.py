@@ -187,3 +187,13 @@ def test_what_rests_while_the_others_show_no_motion_is_no_failure():
     resting = replace(resting, values=np.where(late[:, None], 0.01 * resting.values, resting.values))
     assert others_move([flying, resting], "gyro", 40.0, 60.0)
     assert not others_move([flying, resting], "velocity", 40.0, 60.0)
+
+
+def test_rest_in_a_record_that_is_mostly_rest_is_no_motion():
+    rng = np.random.default_rng(0)
+    t = np.arange(0, 60, 0.02)
+    std = np.where((t > 15) & (t < 35), 0.3, 0.002)
+    gyro = InstrumentReadings("gyro", t, std[:, None] * rng.normal(size=(len(t), 3)), (), "rad/s", np.ones(3))
+    assert not others_move([gyro], "velocity", 36.0, 60.0)
+    assert not others_move([gyro], "velocity", 0.0, 14.0)
+    assert others_move([gyro], "velocity", 16.0, 34.0)

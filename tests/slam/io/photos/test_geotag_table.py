@@ -123,3 +123,12 @@ def test_positions_of_a_table_are_not_those_of_the_receiver_s_rtk_solution(tmp_p
     assert not warned(flight, "single")
     assert not warned(flight, "no fixed RTK solution")
     np.testing.assert_equal(flight.gps.stds_m[:, 0], [5, 5, 0.02])
+
+
+def test_a_row_of_another_folder_is_not_that_of_a_photograph_with_its_own(tmp_path):
+    files = {f"a/P{k}.jpg": data for k, data in enumerate(strip(2).values())}
+    rows = b"filename,latitude,longitude,altitude\na/P0.jpg,31.5,-98.5,100\nb/P0.jpg,31.7,-98.5,100\n"
+    rows += b"b/P1.jpg,31.6,-98.5,100\n"
+    flight = import_photos(fill(tmp_path, files | {"geotags.csv": rows}))
+    assert flight.gps.latitude_deg == pytest.approx([31.5, 30.0001])
+    assert warned(flight, "2 files that are none of them", "b/P0.jpg", "b/P1.jpg")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -69,25 +68,10 @@ def test_links_and_single_keyframes_are_left_alone():
 
 
 @pytest.mark.slow
-def test_a_copy_of_the_floor_behind_a_stretch_without_features_is_doubted():
-    """No instrument measures the motion; the floor repeats after 3.2 m, and so far the map is off."""
-    flight = replace(one_way(1), velocity=None, imu=None)
-    estimate = optimize(flight)
-    found = evaluate(estimate, flight)
-    assert found.ate_m is not None
-    assert found.ate_m.max > 1.0
-    said = re.search(
-        r"pairs? of pictures .*\((?:.*: )?(.*) s and (.*) s\) joins? 7 keyframes", estimate.status
-    )
-    assert said is not None
-    before_s, behind_s = map(float, said.groups())
-    assert before_s < 2.0 < 7.0 < behind_s
-
-
-@pytest.mark.slow
-def test_parts_whose_poses_overlap_by_chance_stay_apart():
+@pytest.mark.parametrize("seed", [0, 1])
+def test_parts_whose_poses_overlap_by_chance_stay_apart(seed):
     """Each part begins at the origin of its own world. Pairs by such poses joined them 3.2 m off."""
-    flight = replace(one_way(0), velocity=None, imu=None)
+    flight = replace(one_way(seed), velocity=None, imu=None)
     estimate = optimize(flight)
     found = evaluate(estimate, flight)
     assert set(estimate.component.tolist()) == {0, 1}
