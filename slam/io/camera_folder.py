@@ -15,7 +15,7 @@ from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.messages import Message, warning
 from slam.core.streams import Frames
 from slam.io.csv_header import CsvColumn
-from slam.io.csv_stream import CsvTable
+from slam.io.csv_table import CsvTable
 from slam.io.files import brief, check_inside, refusal
 from slam.io.images import PictureFiles, common_levels
 from slam.io.picture_headers import UnreadableImageError, image_size

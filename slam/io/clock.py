@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from backend.wording import counted
 from slam.core.messages import Message, about
-from slam.io.csv_stream import CsvTable
+from slam.io.csv_table import CsvTable
 
 JUMP_NS = 600 * 10**9
 """A shorter forward step is a pause of the sensor."""

@@ -21,7 +21,8 @@ from slam.core.flight import Flight
 from slam.core.messages import Message, about, note, warning
 from slam.core.streams import Truth
 from slam.io.clock import sort_by_time
-from slam.io.csv_stream import CsvTable, read_numbers
+from slam.io.csv_stream import read_numbers
+from slam.io.csv_table import CsvTable
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
 from slam.io.files import refusal
 from slam.io.flight_folder import read_flight

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from slam.core.errors import InputError, one_line
-from slam.core.messages import Message, clauses_of, warning
+from slam.core.messages import Message, clauses_of, parsed, warning
 from slam.io.content import HEAD_BYTES, content_name
 
 OUTPUT_MARKER = ".slam-output"
@@ -31,6 +31,11 @@ def brief_message(message: Message, limit: int = 600) -> Message:
     if len(message.text) > limit:
         return replace(message, clauses=clauses_of(brief(message.text, limit)))
     return replace(message, clauses=tuple(brief(clause, limit) for clause in message.clauses))
+
+
+def refused_file(refused: InputError, folder: Path, effect: str) -> Message:
+    """Return the warning that a file in a folder is refused, and its effect."""
+    return parsed(str(refused).removeprefix(f"{folder}/")).extended(effect)
 
 
 def refusal(

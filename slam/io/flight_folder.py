@@ -17,7 +17,8 @@ from slam.core.messages import Message, recorded, unread, warning
 from slam.core.names import listed
 from slam.io.camera_folder import PICTURE_VELOCITY, camera_of, frames_of
 from slam.io.clock import sort_by_time
-from slam.io.csv_stream import CsvTable, read_names, read_numbers
+from slam.io.csv_stream import read_names, read_numbers
+from slam.io.csv_table import CsvTable
 from slam.io.files import brief, brief_message, check_inside, refusal
 from slam.io.flight_writer import write_flight
 from slam.io.gcp_list import with_own_points

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam.core.messages import Message, warning
 from slam.core.streams import AttitudeSeries, Imu
-from slam.io.csv_stream import CsvTable
+from slam.io.csv_table import CsvTable
 from slam.io.files import refusal
 from slam.io.sensor_yaml import YamlFile
 

@@ -7,11 +7,12 @@ from typing import Any
 
 from slam.core.messages import Message, unread
 from slam.core.streams import FIELD_BY_FOLDER, STREAMS
-from slam.io.csv_stream import CsvTable
+from slam.io.csv_table import CsvTable
 from slam.io.gravity_checks import check_gyro_by_gravity, check_quaternion_order
 from slam.io.plausibility import check_imu_units
 from slam.io.sensor_yaml import YamlFile
-from slam.io.streams import Source, build_series
+from slam.io.series_source import Source
+from slam.io.streams import build_series
 
 
 def build_fields(

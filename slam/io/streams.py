@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,15 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from slam.core.geodesy import MAX_ALTITUDE_M
 from slam.core.instrument import Instrument
-from slam.core.messages import Message, note, warning
+from slam.core.messages import warning
 from slam.core.streams import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
 from slam.io.assumed import assumed_keys
 from slam.io.csv_header import CsvColumn
-from slam.io.csv_stream import CsvTable
 from slam.io.gps_accuracy import accuracy_in_metres, median_and_each, stated_stds, typical_accuracy
 from slam.io.gps_heights import stated_height_system
 from slam.io.plausibility import GYRO_LIMIT_RAD_S
-from slam.io.sensor_yaml import MAX_LEVER_M, YamlFile
+from slam.io.sensor_yaml import MAX_LEVER_M
+from slam.io.series_source import Source
 
 Array = NDArray[np.float64]
 Series = Imu | Sonar | AttitudeSeries | Velocity | Command | Scalar | Motor | Gps | Truth
@@ -83,66 +83,6 @@ KNOWN_KEYS = (
     "focal_std_ratio", "aspect_std_ratio", "center_std", "radial_std", "tangential_std", "mount_std",
     "readout", "scale_std", "datum_std", "antenna_std", "height_system", "assumed", *IMU_DENSITIES,
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Source:
-    """Inputs of a series: sorted rows, nominal values, and the list that collects notes."""
-
-    table: CsvTable
-    sensor: YamlFile
-    epoch_ns: int
-    notes: list[Message]
-
-    @property
-    def stamps_s(self) -> Array:
-        """(n,) seconds since the flight's epoch."""
-        return ((self.table.stamps_ns - self.epoch_ns) * 1e-9).astype(float)
-
-    def keep_rows(self, rows: NDArray[np.bool_] | np.bool_, why: str) -> Source:
-        """Return the source with the rows that pass, and note the number of dropped rows and the reason."""
-        rows = np.atleast_1d(rows)
-        if rows.all():
-            return self
-        dropped = f"{int((~rows).sum())} of {len(self.table.stamps_ns)} rows dropped: {why}"
-        self.notes.append(note(dropped))
-        keep = np.flatnonzero(rows)
-        return Source(
-            self.table.rows(keep, self.table.stamps_ns[keep]), self.sensor, self.epoch_ns, self.notes
-        )
-
-    def set_missing(self, bad: NDArray[np.bool_], column: int, why: str) -> None:
-        """Set values of one column to missing, and note their number and the reason."""
-        if bad.any():
-            self.notes.append(note(f"{int(bad.sum())} of {len(bad)} values treated as missing: {why}"))
-            self.table.values[bad, column] = np.nan
-
-    def row_error(self, row: int, what: str, do: str) -> Exception:
-        """Return the error to raise about one row."""
-        return self.table.refuse(row, what, do)
-
-    def noise(self, default: tuple[float, ...], largest: Sequence[float]) -> tuple[float, ...]:
-        """Return ``noise_std``, one value per column, or the default if absent.
-
-        ``largest``: the range of each column. Raises ``InputError`` for a value beyond it.
-        """
-        if not self.sensor.has("noise_std"):
-            return default
-        noise = self.sensor.numbers("noise_std", (len(default),))
-        for value, limit in zip(noise, largest, strict=True):
-            self.sensor.check_std("noise_std", value, limit)
-        return noise
-
-    def check_identity_mount(self) -> None:
-        """Check T_BS of a stream that does not use it, and note a value other than the identity."""
-        if not np.array_equal(self.sensor.transform(), np.eye(4)):
-            self.notes.append(
-                warning(
-                    "T_BS in sensor.yaml is not the identity",
-                    "body axes assumed for the values",
-                    "turn the values into body axes, or write the identity",
-                )
-            )
 
 
 def _limits(folder: str) -> tuple[float, ...]:

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from slam.core.errors import InputError
-from slam.core.messages import Message, note, parsed, warning
-from slam.io.files import brief, read_text, shown
+from slam.core.messages import Message, note, warning
+from slam.io.files import brief, read_text, refused_file, shown
 from slam.io.photos.camera import stored_over_original
 from slam.io.photos.exif import PhotoTags
 from slam.io.photos.lens_tags import LensTags
@@ -53,9 +53,7 @@ def with_camera_models(
         try:
             cameras = _cameras(path, folder)
         except InputError as refused:
-            remarks.append(
-                parsed(str(refused).removeprefix(f"{folder}/")).extended("its lenses are not used")
-            )
+            remarks.append(refused_file(refused, folder, "its lenses are not used"))
             continue
         if all(_has_calibration(photo) for photo in photos):
             remarks.append(note(f"{name} is not used: {source} a calibration of the lens"))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from backend.wording import counted, either
 from slam.core.errors import InputError
 from slam.core.geodesy import position_fault
 from slam.core.height_systems import UNKNOWN
-from slam.core.messages import Message, note, parsed, warning
+from slam.core.messages import Message, note, warning
 from slam.core.names import listed
 from slam.core.streams import Gps
-from slam.io.files import brief, read_text, shown
+from slam.io.files import brief, read_text, refused_file, shown
 from slam.io.gcp_list import FILE_NAME
 from slam.io.photos.photo_set import Photo
 from slam.io.photos.position import PhotoPosition
@@ -65,9 +65,7 @@ def with_geotags(
             try:
                 geotags, faults = _geotags(path, layout)
             except InputError as refused:
-                remarks.append(
-                    parsed(str(refused).removeprefix(f"{folder}/")).extended("its positions are not used")
-                )
+                remarks.append(refused_file(refused, folder, "its positions are not used"))
                 continue
             is_found = True
             photos, notes = _placed(photos, folder, name, geotags)
@@ -133,18 +131,9 @@ def _placed(
     photos: Sequence[Photo], folder: Path, name: str, geotags: _Geotags
 ) -> tuple[list[Photo], list[Message]]:
     """Return photographs with the positions of a table, and lines about it."""
-    inner = {photo.path.relative_to(folder).as_posix().casefold(): photo.name for photo in photos}
-    path_of = {written: written.replace("\\", "/").casefold() for written in geotags}
-    exact = {written: inner[path] for written, path in path_of.items() if path in inner}
-    # A photograph whose own row is there is not meant by one of the same name in another folder.
-    others = [written for written in geotags if written not in exact]
-    matches = PictureNames.of([photo.name for photo in photos]).matched(others, folder.name)
-    path_in = {name: path for path, name in inner.items()}
-    elsewhere = [w for w, picture in matches.picture.items() if not _may_be(path_of[w], path_in[picture])]
-    geotag_of = {
-        picture: geotags[written] for written, picture in matches.picture.items() if written not in elsewhere
-    }
-    geotag_of |= {picture: geotags[written] for written, picture in exact.items()}
+    paths = (photo.path.relative_to(folder).as_posix() for photo in photos)
+    matches = PictureNames.of([photo.name for photo in photos], paths).matched(geotags, folder.name)
+    geotag_of = {picture: geotags[written] for written, picture in matches.picture.items()}
     placed, far, is_moved = list[Photo](), list[tuple[float, str]](), list[bool]()
     for photo in photos:
         geotag = geotag_of.get(photo.name)
@@ -176,19 +165,15 @@ def _placed(
                 "write the folders too",
             )
         )
-    if unknown := [*matches.unknown, *elsewhere]:
-        names = listed([brief(each, 40) for each in sorted(unknown)])
+    if matches.unknown:
+        names = listed([brief(each, 40) for each in sorted(matches.unknown)])
         remarks.append(
             warning(
-                f"{name} has positions of {counted(len(unknown), 'file')} that are none of them ({names})"
+                f"{name} has positions of {counted(len(matches.unknown), 'file')} that are none of them "
+                f"({names})"
             )
         )
     return placed, remarks
-
-
-def _may_be(written: str, path: str) -> bool:
-    """Return whether two paths may be of one file: folders next to it agree where both have one."""
-    return len({PurePosixPath(each).parent.name for each in (written, path)} - {""}) <= 1
 
 
 def _with_own_accuracy(photos: Sequence[Photo], is_moved: Sequence[bool]) -> list[Photo]:

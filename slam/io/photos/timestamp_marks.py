@@ -20,9 +20,9 @@ from backend.wording import counted
 from slam.core.errors import InputError
 from slam.core.geodesy import position_fault
 from slam.core.height_systems import ELLIPSOID
-from slam.core.messages import Message, note, parsed, warning
+from slam.core.messages import Message, note, warning
 from slam.core.names import listed
-from slam.io.files import read_text, shown
+from slam.io.files import read_text, refused_file, shown
 from slam.io.photos.photo_set import Photo
 from slam.io.photos.position import RTK_SOLUTIONS, PhotoPosition
 
@@ -89,9 +89,7 @@ def with_marks(
         try:
             marks, unread = _marks(path, folder)
         except InputError as refused:
-            remarks.append(
-                parsed(str(refused).removeprefix(f"{folder}/")).extended("its places are not used")
-            )
+            remarks.append(refused_file(refused, folder, "its places are not used"))
             continue
         files.append(_MarkFile(path, name, marks))
         if unread:

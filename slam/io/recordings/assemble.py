@@ -15,7 +15,7 @@ from slam.core.progress import Progress, silent
 from slam.core.stream_source import NO_STREAM, StreamSource
 from slam.core.streams import Frames
 from slam.io.clock import sort_by_time
-from slam.io.csv_stream import CsvTable, check_limits
+from slam.io.csv_table import CsvTable, check_limits
 from slam.io.files import brief, brief_message
 from slam.io.plausibility import check_stamp_unit, check_stamps_agree
 from slam.io.recorded_pictures import RecordedPictures

@@ -19,7 +19,7 @@ from slam.data_quality.jumps import Jump
 from slam.data_quality.whitened_rows import WhitenedRows
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
-from tests.benchmarks.injections import KINDS
+from tests.benchmarks.injected_errors import KINDS
 from tests.slam.criticism.judged_flights import SLOWER
 
 SHOWN = 400

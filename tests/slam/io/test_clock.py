@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam.io.clock import sort_by_time
-from slam.io.csv_stream import CsvTable
+from slam.io.csv_table import CsvTable
 
 START = 1_600_000_000 * 10**9
 HOUR = 3600 * 10**9

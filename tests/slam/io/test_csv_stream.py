@@ -9,7 +9,8 @@ import pytest
 
 import slam.io.csv_stream
 from slam.io.csv_header import CsvColumn
-from slam.io.csv_stream import CsvTable, read_numbers
+from slam.io.csv_stream import read_numbers
+from slam.io.csv_table import CsvTable
 
 COLUMNS = (CsvColumn("height", "m", 1e3), CsvColumn("speed", "m s^-1", 1e3))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from slam.core.messages import warning
+from slam.core.messages import Message, warning
 from slam.io.files import brief, refusal
 from slam.io.recordings.foxglove.messages import TRANSFORMS, decoder, meaning_of
 from slam.io.recordings.mcap_file import McapChannel, McapFile
@@ -17,7 +17,7 @@ from slam.io.recordings.ros.open_bag import OpenBag
 from slam.io.recordings.ros.rosbag import recording_of
 
 DESCRIPTION = "an MCAP recording"
-Message = Any
+RosMessage = Any
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class _Connection:
     msgtype: str
     msgcount: int
     channel: McapChannel
-    message: Callable[[bytes], Message]
+    message: Callable[[bytes], RosMessage]
 
 
 def open_recording(path: Path) -> Recording:
@@ -65,7 +65,7 @@ class FoxgloveBag(OpenBag):
 
     def messages(
         self, connections: Sequence[_Connection], start_ns: int | None = None
-    ) -> Iterator[tuple[_Connection, int, Message]]:
+    ) -> Iterator[tuple[_Connection, int, RosMessage]]:
         """Yield connection, time of recording [ns] and message, in the order of recording."""
         by_channel = {id(each.channel): each for each in connections}
         for channel, time_ns, data in self._file.messages([each.channel for each in connections], start_ns):
@@ -77,9 +77,7 @@ def _damage(file: McapFile) -> tuple[Message, ...]:
     lines = []
     if file.lost_bytes:
         lines.append(
-            warning(
-                f"{file.lost_bytes:,} bytes are damaged or cut short, and were passed over", f"{COPY_AGAIN}"
-            )
+            warning(f"{file.lost_bytes:,} bytes are damaged or cut short, and were passed over", COPY_AGAIN)
         )
     if not file.has_end:
         lines.append(
@@ -98,7 +96,7 @@ def _connection(channel: McapChannel) -> _Connection:
         return _Connection(channel.topic, kind, count, channel, lambda data: None)
     kind, convert = meaning
 
-    def message(data: bytes) -> Message:
+    def message(data: bytes) -> RosMessage:
         try:
             return convert(decode(data))
         except (KeyError, TypeError, AttributeError, OverflowError) as error:

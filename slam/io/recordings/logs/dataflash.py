@@ -231,11 +231,7 @@ def open_recording(path: Path) -> Recording:
             )
         ]
         * bool(lost),
-        *[
-            warning(
-                f"{counted(late, 'message has', 'messages have')} a stamp that no clock has", f"{COPY_AGAIN}"
-            )
-        ]
+        *[warning(f"{counted(late, 'message has', 'messages have')} a stamp that no clock has", COPY_AGAIN)]
         * bool(late),
     )
     return field_recording(path, DESCRIPTION, series, rules, damage, _metadata(series), unread)

@@ -80,7 +80,7 @@ def lens_of_model(user_data: bytes, size_px: tuple[int, int]) -> ModelLens | Non
 def film_focal(text: str) -> tuple[float, str] | None:
     """Return the focal length on 35 mm film of the model that a text names, and its name; None for others.
 
-    Names go on in those of other models: FC2204 and FC350Z are zooms.
+    The name of one model may begin that of another: FC2204 and FC350Z are zooms.
     """
     found = (of for model, of in _FILM_MM.items() if re.search(rf"{model}(?![0-9A-Z])", text, re.IGNORECASE))
     return next(found, None)
