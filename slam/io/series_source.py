@@ -1,4 +1,4 @@
-"""What a series is built from: the rows of a table, its ``sensor.yaml`` and the flight's epoch."""
+"""Inputs of a series: the rows of a table, its ``sensor.yaml`` and the epoch of the flight."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Source:
-    """Inputs of a series: sorted rows, nominal values, and the list that collects notes."""
+    """Sorted rows of one stream, its nominal values, and the list that collects notes."""
 
     table: CsvTable
     sensor: YamlFile
