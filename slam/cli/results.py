@@ -78,11 +78,11 @@ def write_results(
 
     write_solution(folder, estimate, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
     start = time.perf_counter()
-    mosaics, warning, made = _write_mosaics(folder, estimate, flight, options, progress, checkpoints)
+    mosaics, said, made = _write_mosaics(folder, estimate, flight, options, progress, checkpoints)
     heights = write_elevation(estimate, folder, made.ground if made else None)
     if mcap:
         _write_map_mcap(folder, estimate, flight, progress)
-    warning += _write_in_system(folder, estimate, options.crs)
+    said += _write_in_system(folder, estimate, options.crs)
     if options.wanted:
         estimate = replace(
             estimate,
@@ -91,7 +91,7 @@ def write_results(
             ground=made.ground.facts if made else None,
         )
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
-        estimate = replace(estimate, timing_s=timing_s, messages=joined(*estimate.messages, *warning))
+        estimate = replace(estimate, timing_s=timing_s, messages=joined(*estimate.messages, *said))
     estimate = with_all_obstacles(estimate, made.ground if made else None)
     tables = (*control_tables(estimate.control), *accuracy.tables)
     mosaics = replace(mosaics, elevation=heights)
@@ -269,5 +269,5 @@ def _write_mosaics(
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise
-        notes.append(warning(f"no mosaic of the plain chain: {refusal}"))
+        notes.append(parsed(f"no mosaic of the plain chain: {refusal}"))
     return Mosaics(made.png, chain_picture, made.quality.with_suffix(".png")), tuple(notes), made

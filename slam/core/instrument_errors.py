@@ -154,7 +154,7 @@ class RollingShutter:
     told_std_s: float
     """Standard deviation of what was known before the flight, about 0; 0 where it is stated."""
     estimated: bool
-    """Whether the pictures show a rolling shutter, so that its time is a variable. Otherwise it is fixed."""
+    """Whether the pictures show a rolling shutter: its time is then a free parameter, else fixed."""
     known_velocities: int
     """Number of pictures of which the vehicle or the neighbours tell the velocity."""
 
@@ -193,7 +193,7 @@ class InstrumentErrors:
     antenna: AntennaPlace | None = None
     """None where the antenna's place was fixed at what is told."""
     rolling_shutter: RollingShutter | None = None
-    """None of pictures that are no photographs, or of which no velocity is known."""
+    """None for pictures that are no photographs, and where no velocity is known."""
 
 
 NOTHING_KNOWN = InstrumentErrors(None, None)

@@ -53,7 +53,7 @@ class Context:
     reason_still_fixed: Message | None = None
     """Why a refuted antenna's place is fixed all the same; None where none is."""
     doubted_lens: Message | None = None
-    """Warning about a lens that is refuted and fixed all the same; empty where none is."""
+    """Warning about a lens that is refuted and fixed all the same; None where none is."""
 
     @staticmethod
     def of(flight: Flight, job: Job, front_end: FrontEnd, observations: Observations) -> Context:

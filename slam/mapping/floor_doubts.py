@@ -47,8 +47,6 @@ the pictures; or at any size if it is seen in half of the keyframes, as a floor 
 _MOST = 0.5
 """Share of the second motions above which they are no ground at another height: where the two differ by few
 pixels, a fit to both may go any way."""
-SIGMAS = 3.0
-"""Standard deviations within which a step by the instruments is sure."""
 _AGREEING = 0.9
 """Share of the steps where the instruments agree with the motion that was taken for the floor's."""
 

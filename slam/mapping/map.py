@@ -58,7 +58,7 @@ class Map:
     """Each makes the status other than ok; surveyed points and bridges have further ones of their own."""
     remarks: tuple[Message, ...] = ()
     """Measurements that were left out without harm to the result."""
-    no_scale: tuple[str, ...] = ()
+    no_scale: tuple[Message, ...] = ()
     """Why no instrument determined the lengths of a part in metres; the status is not ok."""
     velocity_left_out: bool = False
     """Whether the accelerometer contradicts the velocity in a part; then it tells no lengths of the whole."""

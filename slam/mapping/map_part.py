@@ -41,7 +41,7 @@ class MapPart:
     control: ControlReport | None = None
     warnings: tuple[Message, ...] = ()
     remarks: tuple[Message, ...] = ()
-    no_scale: tuple[str, ...] = ()
+    no_scale: tuple[Message, ...] = ()
     """Why no instrument determined its lengths in metres."""
     velocity_left_out: bool = False
     """Whether the accelerometer contradicts the velocity, which tells no lengths then."""

@@ -12,11 +12,10 @@ from backend.bundle.refinement import Bundle
 from backend.inertial_scale.scale import NoScale
 from backend.measurements import AlignedPair, FloorTracks, InertialReadings, ReportedMotion
 from slam.core.imu_at_rest import GravityReading
-from slam.core.messages import Message, clauses_of, warning
+from slam.core.messages import Message, clauses_of, parsed, warning
 from slam.core.names import enumerated
 from slam.core.progress import Progress
 from slam.mapping.calibration.fallback_scale import (
-    CHECK_SIGN,
     WRONG_SIGN,
     falls_where_the_camera_climbs,
     scaled_by_heights,
@@ -40,7 +39,7 @@ class RefinedPart:
 
     bundle: Bundle
     compared: InertialComparison | None
-    reasons: tuple[str, ...]
+    reasons: tuple[Message, ...]
     """Why barometer and velocity do not tell the scale."""
     remarks: tuple[Message, ...] = ()
     warnings: tuple[Message, ...] = ()
@@ -81,7 +80,7 @@ class MetricRefinement:
         exact = setup if tells_lengths else setup.without_heights()
         first = first or self._refined(exact, members, part.w_T_b, part.floor_z_m)
         bundle = first
-        reasons: list[str] = []
+        reasons: list[Message] = []
         remarks: list[Message] = []
         if self.reported is not None and bundle.scale_std is None:
             bundle, reason = self._with_velocity(bundle, exact, members, self.reported)
@@ -111,9 +110,8 @@ class MetricRefinement:
             reasons += [no_scale_line("barometer0", reason)] if reason else []
         if falls_where_the_camera_climbs(bundle.optimum.problem.measurements.heights, bundle.w_T_b):
             without = self.of(setup.without_heights(), part, None if first.uses_barometer else first)
-            said = warning(f"barometer0 is left out of the map: {WRONG_SIGN}", CHECK_SIGN).concerning(
-                "barometer0"
-            )
+            cause, do = WRONG_SIGN
+            said = warning(f"barometer0 is left out of the map: {cause}", do).concerning("barometer0")
             return replace(without, remarks=(*without.remarks, said))
         return RefinedPart(bundle, compared, tuple(reasons), tuple(remarks))
 
@@ -166,9 +164,12 @@ class MetricRefinement:
         )
 
 
-def no_scale_line(instrument: str, reason: str) -> str:
-    """Return the line about an ``instrument`` that does not tell lengths in metres."""
-    return f"{instrument} could not determine the metric scale: {reason}"
+def no_scale_line(instrument: str, reason: str) -> Message:
+    """Return the line about an ``instrument`` that does not tell lengths in metres.
+
+    ``reason``: the text of `backend` or of `slam.mapping.calibration.fallback_scale`.
+    """
+    return parsed(f"{instrument} could not determine the metric scale: {reason}")
 
 
 def _helpful(compared: InertialComparison | None) -> ScalePrior | None:

@@ -248,7 +248,7 @@ def cleared_echoes(recorded: Sonar | None, used: Sonar | None) -> dict[str, int]
 
 
 def range_contradiction(echoes: Echoes, config: MaskingConfig) -> Message | None:
-    """Return a line where the ranges contradict the map's heights or each other; empty where they do not."""
+    """Return a line where the ranges contradict the map's heights or each other; None where they do not."""
     standing, measured = echoes.standing(config), int(echoes.measured.sum())
     if standing.sum() > MOST_STANDING * measured:
         return about(

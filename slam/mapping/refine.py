@@ -281,8 +281,8 @@ def _misread(part: MapPart, control: ControlComparison, w_T_b: Array) -> str:
 
 
 def _no_scale(
-    by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle, by_others: tuple[str, ...]
-) -> tuple[str, ...]:
+    by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle, by_others: tuple[Message, ...]
+) -> tuple[Message, ...]:
     """Return why a scale that was needed was not found."""
     if bundle.scale_std is not None:
         return ()

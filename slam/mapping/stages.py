@@ -10,6 +10,7 @@ import numpy as np
 
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.clocks.picture_clock import PictureClock
+from backend.significance import SURE_SIGMAS
 from frontend.camera import Camera
 from frontend.views import Masks
 from slam.core.errors import InputError
@@ -38,7 +39,7 @@ from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.contradicted_odometry import contradicted_step, without_step
 from slam.mapping.earlier_pass import EarlierPass
-from slam.mapping.floor_doubts import SIGMAS, floor_doubts
+from slam.mapping.floor_doubts import floor_doubts
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.hidden_features import without_hidden
 from slam.mapping.inertial.fusion import fuse_parts
@@ -92,7 +93,7 @@ def _tracked(front_end: FrontEnd) -> Observations:
     if front_end.flight.all_keyframes:
         return observations
     doubts = floor_doubts(observations, front_end)
-    if not doubts.are_open or SIGMAS * front_end.views.step_std_px > doubts.sure_px:
+    if not doubts.are_open or SURE_SIGMAS * front_end.views.step_std_px > doubts.sure_px:
         return observations
     return front_end.track_by_instruments()
 

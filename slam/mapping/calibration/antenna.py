@@ -40,7 +40,7 @@ def antenna_place(bundle: Bundle | None) -> AntennaPlace | None:
 def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> Message | None:
     """Return a line where an antenna may lie away from the body's origin, where it is assumed, unseen.
 
-    At one heading its place moves the whole map, and nothing shows it. The line is empty for fixes that are
+    At one heading its place moves the whole map, and nothing shows it. The line is None for fixes that are
     coarser than a vehicle is large, and for an antenna that is estimated. Its place is not stated.
     """
     measured = bundle.optimum.problem.measurements
@@ -62,7 +62,7 @@ def unknown_antenna_warning(bundle: Bundle, tested: ErrorTest) -> Message | None
 
 
 def antenna_height_note(bundle: Bundle) -> Message | None:
-    """Return a note where the height of the antenna is uncertain as nobody stated it; empty elsewhere."""
+    """Return a note where the height of the antenna is uncertain as nobody stated it; None elsewhere."""
     measured = bundle.optimum.problem.measurements
     if not measured.positions or measured.antenna_up_std_m <= measured.antenna_std_m:
         return None
@@ -75,7 +75,7 @@ def antenna_height_note(bundle: Bundle) -> Message | None:
 
 
 def refusal_of_antenna(bundle: Bundle) -> Message | None:
-    """Return why a place that was free, in ``bundle``, is not to be taken; empty where it is.
+    """Return why a place that was free, in ``bundle``, is not to be taken; None where it is.
 
     As for the numbers of a lens, the flight must tell more of it than was known: its variance is below half
     of the prior's, forward and left. Upward it is one with the height of the ground. A place outside the

@@ -104,7 +104,7 @@ def tilt_over_map(flight: Flight, map_: Map) -> AttitudeFloorTilt | None:
 
 
 def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> Message | None:
-    """In words, where that is notable: a map without positions takes the ground for level. Else empty."""
+    """In words, where that is notable: a map without positions takes the ground for level. Else None."""
     if tilt is None:
         return None
     size, std = tilt.steadier

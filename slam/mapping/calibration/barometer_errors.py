@@ -40,7 +40,7 @@ def barometer_errors(bundle: Bundle | None) -> BarometerErrors | None:
 
 
 def barometer_warning(bundle: Bundle | None) -> Message | None:
-    """Return a line about heights that change by another factor than the map's; empty where none do.
+    """Return a line about heights that change by another factor than the map's; None where none do.
 
     The refinement takes such heights as noisy ones. The factor follows by least squares. Their noise is
     that of the residuals, and never less than stated. Rounding counts apart, by its largest effect: at a

@@ -58,7 +58,7 @@ def mount_tilt(nominal: Camera | None, bundle: Bundle | None) -> MountTilt | Non
 
 
 def mount_warning(tilt: MountTilt | None, camera_file: str) -> Message | None:
-    """Return a warning if the mount is tilted; otherwise an empty string.
+    """Return a warning if the mount is tilted; otherwise None.
 
     ``camera_file`` says where the mount is declared.
     """

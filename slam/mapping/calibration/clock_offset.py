@@ -105,7 +105,7 @@ def clock_warning(clock: PictureClock | None, taken_out: PictureClock) -> Messag
 
 
 def clock_contradiction(clock: PictureClock | None, taken_out: PictureClock) -> Message | None:
-    """Describe a delay or a step that remains in the map, so that its poses carry wrong times; else empty."""
+    """Describe a delay or a step that remains in the map, so that its poses carry wrong times; else None."""
     if clock is None or not any(piece.differs(0.0) for piece in clock.pieces):
         return None
     if taken_out is not NO_CORRECTION:
@@ -129,7 +129,7 @@ def clock_contradiction(clock: PictureClock | None, taken_out: PictureClock) -> 
 
 
 def disagreement_warning(left: tuple[ClockDisagreement, ...]) -> Message | None:
-    """Describe when and by how much the pictures' stamps are still wrong; empty where they are nowhere."""
+    """Describe when and by how much the pictures' stamps are still wrong; None where they are nowhere."""
     if not left:
         return None
     spans = [

@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 _MOST_SCALE_STD = 0.3
 """Largest relative deviation of a scale that is worth stating: lengths may else be wrong by two times."""
 
-WRONG_SIGN, CHECK_SIGN = "it falls where the camera climbs", "check its sign (altitude grows upwards)"
+WRONG_SIGN = ("it falls where the camera climbs", "check its sign (altitude grows upwards)")
+"""Cause of heights that contradict the pictures, and what to do."""
 _NOT_COVERED = "its readings do not cover the pictures"
 
 OnStep = Callable[[int, float], None]
@@ -52,7 +53,7 @@ def scaled_by_heights(
         if not found.uses_barometer:
             return _NOT_COVERED
         if falls_where_the_camera_climbs(found.optimum.problem.measurements.heights, bundle.w_T_b):
-            return WRONG_SIGN
+            return "; ".join(WRONG_SIGN)
         return "" if _tells_lengths(found) else "the flight climbs and descends too little for its noise"
 
     return _scaled(bundle, measured, setup.config.bundle, fault, on_step)

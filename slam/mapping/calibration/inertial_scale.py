@@ -50,7 +50,7 @@ class AccelerometerScale:
     @property
     def contradiction(self) -> Message | None:
         """In words, where the accelerometer contradicts the ranges, positions or velocity that tell the map's
-        lengths; else empty."""
+        lengths; else None."""
         ratio, std = self.lengths.ratio, self.lengths.log_std
         if self.map_std is None or not abs(np.log(ratio)) > _CONTRADICTED * self.ratio_std:
             return None
@@ -92,7 +92,7 @@ class InertialComparison:
 def velocity_contradicted(
     scale: AccelerometerScale | NoScale, gravity: GravityReading | None = None
 ) -> Message | None:
-    """Return why a velocity that alone told a map's lengths cannot be right; empty if it can be.
+    """Return why a velocity that alone told a map's lengths cannot be right; None if it can be.
 
     An accelerometer whose reading of ``gravity`` is off may be the wrong one itself: it proves nothing.
     """

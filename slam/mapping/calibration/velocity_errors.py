@@ -42,7 +42,7 @@ def velocity_errors(bundle: Bundle | None) -> VelocityErrors | None:
 
 
 def velocity_warning(found: VelocityErrors | None) -> Message | None:
-    """Report large errors, which the map allows for; empty where there are none."""
+    """Report large errors, which the map allows for; None where there are none."""
     if found is None:
         return None
     words = []

@@ -44,7 +44,7 @@ def moved_since_m(
 
 
 def stale_line(names: tuple[str, ...], moved_m: Array) -> Message | None:
-    """Return the message about repeats among fixes (n,): a note, or a warning if they are many; else empty.
+    """Return the message about repeats among fixes (n,): a note, or a warning if they are many; else None.
 
     ``moved_m`` is what `moved_since_m` returns.
     """

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from backend.wording import counted, either
 from slam.core.errors import InputError
 from slam.core.flight import Flight
-from slam.core.messages import about, warning
+from slam.core.messages import about, parsed
 from slam.core.progress import Progress, silent
 from slam.core.streams import STREAMS, Image
 from slam.mapping.live.mapper import LiveMapper
@@ -181,7 +181,7 @@ class _Followed:
             )
         if self.error:
             said = f"the flight could not be read at its end, and an earlier state is used: {self.error}"
-            lines.append(warning(said))
+            lines.append(parsed(said))
         return self.newest.with_warning(*lines)
 
 

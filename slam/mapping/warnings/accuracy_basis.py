@@ -145,7 +145,7 @@ def scale_warning(flight: Flight, map_: Map, shares: Shares) -> Message:
 
 
 def vague_lengths_warning(map_: Map) -> Message | None:
-    """Return what to do about lengths in metres that are known too vaguely to measure with; else ''."""
+    """Return what to do about lengths in metres that are known too vaguely to measure with; else None."""
     std = map_.bundle.scale_std if map_.bundle is not None else None
     if std is None or std <= VAGUE_SCALE_STD:
         return None

@@ -98,25 +98,19 @@ def _contradictions(motion: StepMotion, least: float, by_length: bool) -> Iterat
     alike = float((read * made).sum()) / np.sqrt(of_read * of_made)
     further = np.sqrt(of_made / of_read)
     if alike < AGAINST:
-        yield (
-            warning(
-                f"opposite in sign to the motion seen in the pictures (correlation {alike:.2f})",
-                "check the axis signs in docs/flight-format.md",
-            )
+        yield warning(
+            f"opposite in sign to the motion seen in the pictures (correlation {alike:.2f})",
+            "check the axis signs in docs/flight-format.md",
         )
     elif alike < ALIKE:
-        yield (
-            warning(
-                f"does not match the motion seen in the pictures (correlation {alike:.2f})",
-                "check stamps, signs and axes, the order of the pictures, and whether one camera at one "
-                "zoom took them all",
-            )
+        yield warning(
+            f"does not match the motion seen in the pictures (correlation {alike:.2f})",
+            "check stamps, signs and axes, the order of the pictures, and whether one camera at one "
+            "zoom took them all",
         )
     elif by_length and (further > FAR or (further < 1 / FAR and not motion.by_acceleration)):
-        yield (
-            warning(
-                f"the path on the map is {further:.2g} times as long as this sensor says",
-                "check its unit, the focal length of cam0 (and its zoom), and whether the height sensor is "
-                "stuck or in another unit",
-            )
+        yield warning(
+            f"the path on the map is {further:.2g} times as long as this sensor says",
+            "check its unit, the focal length of cam0 (and its zoom), and whether the height sensor is "
+            "stuck or in another unit",
         )

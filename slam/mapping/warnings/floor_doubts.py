@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from backend.significance import SURE_SIGMAS
 from slam.core.messages import Message, note, reason, warning
 from slam.core.streams import Gps
-from slam.mapping.floor_doubts import LIKELY_WRONG, SIGMAS, FloorDoubts, RepeatingFloor, TwoMotions
+from slam.mapping.floor_doubts import LIKELY_WRONG, FloorDoubts, RepeatingFloor, TwoMotions
 from slam.mapping.map import Map
 
 TOLD = 0.05
@@ -30,7 +31,7 @@ def _of_repeating(found: RepeatingFloor, map_: Map, gps: Gps | None) -> Message:
         "keyframes that were searched for it"
     )
     by = "the instruments" if observations.by_instruments else "the motion from picture to picture"
-    if gps is not None and map_.georeferenced and SIGMAS * max(gps.noise_std_m[:2]) < 0.5 * period:
+    if gps is not None and map_.georeferenced and SURE_SIGMAS * max(gps.noise_std_m[:2]) < 0.5 * period:
         # Fixes that contradict the pictures have a warning of their own.
         return note(fact, "the positions told which copy each picture shows")
     if found.wrong < TOLD:

@@ -11,7 +11,7 @@ from slam.mapping.map import Map
 
 
 def lean_warning(flight: Flight, map_: Map, tilt: AttitudeFloorTilt | None) -> Message | None:
-    """Return a warning where the attitude leans against a map that heights on Earth hold; empty elsewhere.
+    """Return a warning where the attitude leans against a map that heights on Earth hold; None elsewhere.
 
     Heights in another unit make slopes of what is level, and take the attitude for noise.
     """

@@ -10,7 +10,7 @@ from slam.mapping.map import Map
 
 
 def lines_alone_warning(map_: Map) -> Message | None:
-    """Return the warning for keyframes that were aligned by lines; empty without any."""
+    """Return the warning for keyframes that were aligned by lines; None without any."""
     aligned = {k for r in map_.kept_registrations if r.by_lines for k in (r.i, r.j)}
     placed = [k for k in sorted(aligned) if map_.component[k] == 0]
     if not placed:

@@ -10,10 +10,11 @@ from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.wording import counted, either
 from slam.core.clock_steps import clock_step_left
 from slam.core.flight import Flight
-from slam.core.flight_info import anomalies, fix_anomalies, missing_for_map
+from slam.core.flight_info import anomalies, fix_anomalies
 from slam.core.instrument_errors import MountTilt
 from slam.core.lost_pictures import NOTABLE_SHARE
 from slam.core.messages import Kind, Message, joined, note, parsed, warning
+from slam.core.missing_streams import missing_for_map
 from slam.core.names import listed
 from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
 from slam.mapping.calibration.antenna import antenna_place
@@ -157,7 +158,7 @@ def _reasons(
         antenna if _antenna_is_stated(flight) else None,
         # First, because instruments contradict a map that a lens has bent.
         systematic if systematic is not None and systematic.kind is Kind.REASON else None,
-        *map(parsed, map_.no_scale),
+        *map_.no_scale,
         *map_.warnings,
         *(control_warnings(map_.control) if map_.control is not None else ()),
         *(bridge.warning for bridge in map_.bridges),

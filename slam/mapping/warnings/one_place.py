@@ -11,7 +11,7 @@ from slam.mapping.map import Map
 
 
 def one_place_warning(flight: Flight, map_: Map, min_overlap: float, by_metres: bool) -> Message | None:
-    """Return the warning that nothing but one place is mapped, or "" where the vehicle moved.
+    """Return the warning that nothing but one place is mapped; None where the vehicle moved.
 
     ``min_overlap``: overlap below which tracking creates a keyframe. The vehicle stayed at one place where no
     picture's centre on the floor leaves the first one's by such a step. A turn on the spot is no step.

@@ -10,7 +10,7 @@ from slam.mapping.map import Map
 
 
 def parts_warning(flight: Flight, map_: Map) -> Message | None:
-    """Return the line about a map in parts, which names the photographs of all but the largest; empty for one
+    """Return the line about a map in parts, which names the photographs of all but the largest; None for one
     part."""
     parts = int(map_.component.max(initial=-1)) + 1
     if parts < 2:

@@ -22,7 +22,7 @@ def slope_by_attitude_warning(map_: Map) -> Message | None:
     """Return a warning where the ground slopes notably by the attitude, and positions do not show it.
 
     A wrong zero of the attitude, or a wrong mount of the camera, then looks like a slope. The refinement
-    knows the noise of the attitude, but not its zero. The result is empty elsewhere.
+    knows the noise of the attitude, but not its zero. The result is None elsewhere.
     """
     bundle = map_.bundle
     attitudes = () if bundle is None else bundle.optimum.problem.measurements.attitudes

@@ -42,6 +42,11 @@ def test_what_is_lower_than_gamma_3_is_none():
     assert found_over(replace(SONAR, box=BOX), config=MaskingConfig(gamma_3_m=0.3)).found == ()
 
 
+def test_the_relief_of_the_ground_is_none_however_low_gamma_3_is():
+    found = found_over(replace(SONAR, box=BOX, rolling=0.02), config=MaskingConfig(gamma_3_m=0.01))
+    assert len(found.found) == 1
+
+
 def test_gamma_3_is_no_length_of_a_map_without_metres():
     found = found_over(replace(VIDEO, box=BOX), False, MaskingConfig(gamma_3_m=1e3))
     assert found.above_m == RELATIVE_GAMMA

@@ -19,6 +19,7 @@ from slam.mapping.calibration.fallback_scale import (
     scaled_by_velocity,
 )
 from slam.mapping.calibration.inertial_scale import AccelerometerScale, velocity_contradicted
+from slam.mapping.metric_refinement import no_scale_line
 from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 from tests.benchmarks.memory import recipe
@@ -66,6 +67,24 @@ def test_a_part_tied_by_too_little_keeps_its_bundle(scaled, monkeypatch):
     assert kept is bundle
     assert "too few points" in reason
     assert seen == [("pair",)]
+
+
+def test_heights_of_the_wrong_sign_are_refused_with_what_to_do(monkeypatch):
+    w_T_b = np.tile(np.eye(4), (30, 1, 1))
+    w_T_b[:, 2, 3] = 2 + np.sin(np.arange(30) / 3)
+    heights = [BarometerHeight(k, 400.0 - z, 0.1) for k, z in enumerate(w_T_b[:, 2, 3])]
+    problem = SimpleNamespace(measurements=SimpleNamespace(heights=heights))
+    found = SimpleNamespace(uses_barometer=True, optimum=SimpleNamespace(problem=problem))
+    module = "slam.mapping.calibration.fallback_scale"
+    monkeypatch.setattr(f"{module}.part_measurements", lambda *_: None)
+    monkeypatch.setattr(f"{module}.refine", lambda *_: found)
+    bundle = SimpleNamespace(w_T_b=w_T_b, floor_z_m=0.0, noise=None)
+    setup = SimpleNamespace(config=SimpleNamespace(bundle=None))
+    kept, reason = scaled_by_heights(bundle, setup, np.arange(30), None, ())
+    assert kept is bundle
+    line = no_scale_line("barometer0", reason)
+    assert line.verdict == "barometer0 could not determine the metric scale"
+    assert line.next_step.startswith("check its sign")
 
 
 @pytest.mark.slow

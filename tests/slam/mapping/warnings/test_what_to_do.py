@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.flight_info import describe, missing_for_map
+from slam.core.flight_info import describe
 from slam.core.lost_pictures import SHOW_NOTHING
+from slam.core.missing_streams import missing_for_map
 from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt, attitude_floor_tilt_warning
 from slam.mapping.warnings.lost_pictures import _HINTS
 from tests.slam.io.made_flight import made_flight
