@@ -88,13 +88,13 @@ def with_certainty(model: Model, causes: Sequence[Cause]) -> Model:
 
 def _with(model: Model, name: str, parameters: FilterParameters) -> Model:
     """Return the model with a term as the filter parameters hold it."""
-    by_noise = {
+    own_fields = {
         "timestamp_jitter": {"sigma": parameters.jitter_s},
         "gusts": {"sigma": float(parameters.hold[GUST_STD]), "tau": float(parameters.hold[GUST_TIME])},
         "attitude_lag": {"tau": float(parameters.dynamics[ATTITUDE_TIME])},
     }
-    if name in by_noise:
-        return model.with_sizes(name, by_noise[name])
+    if name in own_fields:
+        return model.with_sizes(name, own_fields[name])
     values, before = {}, filter_parameters_of(model)
     for parameter in (p for p in CATALOGUE[name].parameters if (name, p.name) != NOT_HELD):
         fitted = fitted_parameter(f"{name}.{parameter.name}")

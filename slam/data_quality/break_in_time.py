@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-Array = NDArray[np.float64]
+from slam.core.arrays import Array
 
 FEWEST_PARTS = 8
 """Least number of parts of a flight in which a change has a moment."""

@@ -8,19 +8,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.data_quality.channels import InstrumentReadings
 from slam.data_quality.inertial_comparison import LOWEST_M
-
-Array = NDArray[np.float64]
 
 FEWEST = 20
 """Least number of readings that show motion, and of those that they are compared with."""
 MOVING = 0.2
 """Least scatter within a second, as a share of what is usual in the flight. A rotor at rest leaves the gyros
 of the measured vehicles a twentieth of it, and a hover between brisk manoeuvres a third."""
-_BRISK = 0.95
+BRISK = 0.95
 """Quantile of the seconds that stands for the briskest motion, a blow at landing left out."""
 
 
@@ -41,7 +39,7 @@ def _moves(stream: InstrumentReadings, begin_s: float, end_s: float) -> bool:
     if not len(within) or not len(outside):
         return False
     # A record may be at rest for most of its time: what is usual is that of the seconds in motion.
-    usual = outside[outside >= MOVING * np.quantile(outside, _BRISK)]
+    usual = outside[outside >= MOVING * np.quantile(outside, BRISK)]
     return bool(np.median(within) > MOVING * np.median(usual))
 
 

@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from frontend.robust import robust_std
+from frontend.robust import NORMAL, robust_std
+from slam.core.arrays import Array, Ints, Mask
 from slam.core.flight import Flight
 from slam.data_quality.axes import INTEGRAL, WAYS
 from slam.data_quality.channels import streams_of
@@ -33,9 +33,6 @@ from slam.data_quality.inertial_comparison import (
     with_finite_imu,
 )
 from slam.data_quality.lag import Lag
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LEAST_RATIO = 6.0
 """Least jump in standard deviations of all changes, no less than those of a median of readings."""
@@ -86,8 +83,9 @@ def jumps_of_all(flights: Sequence[Flight], lags: Mapping[str, Lag]) -> list[Jum
 def jumps(flight: Flight, lags: Mapping[str, Lag] | None = None) -> list[Jump]:
     """Return the jumps of the flight's attitude, velocity and range, the greatest of each channel.
 
-    The integral is wrong near the floor and over gaps of imu and attitude: no jump is told there. Where the
-    attitude jumps, none of the velocity is told, because the attitude turns the velocity into the world.
+    The integral is wrong near the floor and over gaps of imu and attitude: no jump is told there. Nor is any
+    of velocity and range where the attitude jumps, because it turns both comparisons into the world, nor one
+    of the range where the velocity jumps.
     """
     noise_std = {stream.name: float(stream.noise_std.max()) for stream in streams_of(flight)}
     wrong_s, found = _wrong_integral(flight), []
@@ -98,10 +96,11 @@ def jumps(flight: Flight, lags: Mapping[str, Lag] | None = None) -> list[Jump]:
         changes = _unexplained(flight, kind, seen, lags, moments)
         # A median of many readings is so much more certain than one of them.
         noise = MEDIAN * noise_std[READ_AS[kind]] / np.sqrt(moments.readings)
+        local_std = moments.local_std(seen, _uncertain(flight))
         for channel, unit, scale, part in _channels(kind, changes):
             size = np.linalg.norm(part, axis=1)
             peaks = _peaks(moments.times_s, size, max(_std(part), noise, TINY))
-            peaks = peaks[size[peaks] > LEAST_LOCAL * moments.local_std(seen, _uncertain(flight))[peaks]]
+            peaks = peaks[size[peaks] > LEAST_LOCAL * local_std[peaks]]
             if len(peaks):
                 at_s, most = moments.times_s[peaks], scale * float(size[peaks[0]])
                 wrong_s = np.hstack([wrong_s, np.tile(at_s, (2, 1))])
@@ -230,9 +229,9 @@ class _Moments:
         for k in np.flatnonzero(_are_enough(self.edges)).tolist():
             begin, _, end = self.edges[k]
             each = np.diff(seen.off[begin:end], axis=0)
-            each = 1.4826 * np.median(np.abs(each - np.median(each, axis=0)), axis=0)
-            # A difference of two readings has twice their variance, a median of half of them all 2 / n of it.
-            variance[k] = 2.0 * MEDIAN**2 * float(0.5 * each @ each) / (end - begin) * 2.0
+            each = NORMAL * np.median(np.abs(each - np.median(each, axis=0)), axis=0)
+            # Half the variance of a difference is that of a reading; two medians are of n / 2 readings each.
+            variance[k] = 2.0 * MEDIAN**2 * float(0.5 * each @ each) / (0.5 * (end - begin))
         for between in seen.others().values():
             jumped = np.cumsum(np.sum(np.diff(between, axis=0, prepend=between[:1]) ** 2, axis=1))
             jumped = np.append(0.0, uncertain**2 * jumped)
@@ -251,7 +250,7 @@ class _Moments:
         return np.asarray(inner - 0.5 * (steps[2 * self.beside :] + steps[: -2 * self.beside]))[self.known]
 
 
-def _are_enough(edges: Ints) -> NDArray[np.bool_]:
+def _are_enough(edges: Ints) -> Mask:
     return np.asarray(np.diff(edges).min(axis=1) >= FEWEST_READINGS)
 
 

@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.data_quality.channels import InstrumentReadings
 from slam.data_quality.finding import Finding
-
-Array = NDArray[np.float64]
 
 EXACT = 0.02
 """Greatest distance from a multiple of the step, as a share of it."""
@@ -33,9 +31,9 @@ class Rounding(Finding):
     step: float
     unit: str
     begin_s: float | None = None
-    """Begin and ..."""
+    """Begin of the rounding; None where it lasts for the whole flight."""
     lasts_s: float | None = None
-    """... duration of the rounding; None for the whole flight."""
+    """Its duration; None likewise."""
 
     @property
     def is_shown_otherwise(self) -> bool:
@@ -78,7 +76,8 @@ def _of_part(stream: InstrumentReadings, readings: Array, noise: float) -> Round
         return None
     steps = [_step(readings[begin:end], noise) for begin, end in pairwise(edges.tolist())]
     longest = 0, 0, 0.0
-    for k, step in ((k, step) for k, step in enumerate(steps) if step):
+    for k in np.flatnonzero(steps).tolist():
+        step = steps[k]
         whole = (readings - readings[edges[k]]) / step
         off = np.flatnonzero(np.abs(whole - np.rint(whole)) > EXACT)
         # All readings about the part up to the nearest ones that are no multiples.

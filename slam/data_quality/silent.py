@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array, Mask
 from slam.core.streams import Sonar
 from slam.data_quality.channels import InstrumentReadings
 from slam.data_quality.finding import Finding
-
-Array = NDArray[np.float64]
 
 LONGEST_S = 5.0
 """Longest healthy gap: what lasts longer ends a record of the filter, too."""
@@ -59,7 +57,7 @@ def silent(
     return None
 
 
-def _near_limit(range_m: Array, sonar: Sonar) -> NDArray[np.bool_]:
+def _near_limit(range_m: Array, sonar: Sonar) -> Mask:
     """Return which gaps after each of some ranges (n,) begin or end near a limit."""
     most_m = sonar.max_range_m if np.isfinite(sonar.max_range_m) else float(range_m.max())
     near = (range_m > NEAR_LIMIT * most_m) | (range_m < sonar.min_range_m / NEAR_LIMIT)

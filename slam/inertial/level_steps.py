@@ -70,21 +70,16 @@ def _lines(flight: Flight, name: str, motion: ImuMotion) -> Iterator[Message]:
     stepped = _step(*_beside(flight, name, motion), _FAR[name]) if name in _FAR else None
     if stepped is not None:
         at_s, size = stepped
-        yield (
-            warning(
-                f"{folder} steps by {size:.2g} {_UNIT_OF[name]} at {at_s:.1f} s and stays there, while imu0 "
-                "shows no such motion: the readings before or after it are wrong",
-                "check its zero and unit",
-            )
+        yield warning(
+            f"{folder} steps by {size:.2g} {_UNIT_OF[name]} at {at_s:.1f} s and stays there, while imu0 "
+            "shows no such motion: the readings before or after it are wrong",
+            "check its zero and unit",
         )
     ratio = None if name == "velocity" else _ratio(flight, name, motion)  # `velocity_contradiction` does it
     if ratio is not None and not 1 / LARGEST_GAIN < ratio < LARGEST_GAIN:
-        yield (
-            warning(
-                f"{folder} changes by {ratio:.2g} times what imu0 shows (unit?): heights are not to be "
-                "trusted",
-                f"check the unit and sign of {folder}",
-            )
+        yield warning(
+            f"{folder} changes by {ratio:.2g} times what imu0 shows (unit?): heights are not to be trusted",
+            f"check the unit and sign of {folder}",
         )
 
 

@@ -9,12 +9,8 @@ import numpy as np
 import pytest
 
 from tests.blind import folder
-from tests.blind.cases import (
-    make,
-)
-from tests.blind.instruments import (
-    RATE_HZ,
-)
+from tests.blind.cases import make
+from tests.blind.instruments import RATE_HZ
 
 
 @pytest.fixture(scope="module")

@@ -149,13 +149,13 @@ def _changes(
     last: QuadraticLikelihood, chosen: Sequence[Effect], effect: Effect, k: int, parts: Parts
 ) -> list[Onset]:
     """Return the likeliest change of an effect's column k in each flight, beside the chosen effects."""
-    fisher, column, moved = parts.fisher, effect.columns[k], effect.perturbations[k]
+    fisher, column, entry = parts.fisher, effect.columns[k], effect.perturbations[k].entry
     if effect.is_term:
         factor, parameter = fitted_parameter(column).factor, effect.parameters[k]
         unit = CATALOGUE[effect.name].parameter(parameter).unit
         concerns = {"effect": effect.name, "parameter": parameter}
     else:
-        unit, concerns, factor = CHANNEL_UNITS[moved.entry], {"channel": CHANNELS[moved.entry]}, 1.0
+        unit, concerns, factor = CHANNEL_UNITS[entry], {"channel": CHANNELS[entry]}, 1.0
     effects = [*(e for e in chosen if not e.repeats(effect)), effect]
     step, onsets = last.maximise(effects).whole, []
     rest = last.index([*last.names, *(c for e in effects for c in e.columns if c != column)])
@@ -182,13 +182,13 @@ def commanded_onset(found: SearchResult, parameters: FilterParameters, least_z: 
         if e.name in CONSTANTS or (e.is_term and e.perturbations and not e.is_profiled)
     ]  # fmt: skip
     effects = [*(e.free for e in found.chosen), *among]
-    moved = list(dict.fromkeys([*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]))
-    names = tuple(d.name for d in moved)
+    tried = list(dict.fromkeys([*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]))
+    names = tuple(d.name for d in tried)
 
     def one(k: int) -> list[tuple[float, Array, Array]]:
         times_s, (_, _, step_s) = found.records[k].times_s, found.records[k].steps
         signals = {"one": (np.ones(len(step_s)), np.ones(len(times_s)))}
-        segments = Run(found.records[k], parameters, moved, signals).segments(MOMENT_S)
+        segments = Run(found.records[k], parameters, tried, signals).segments(MOMENT_S)
         known = ((rows.events, rows.sensitivity, rows.white) for rows in segments if len(rows.events))
         return [(float(times_s[events[0]]), by.T @ by, by.T @ white) for events, by, white in known]
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, grid, png
 from slam.core.units import everyday, spaced
-from slam.report.criticism.plain_names import TWO_SIDED, figure, quantity, title_of, with_titles
+from slam.criticism.cause import WIDE
+from slam.report.criticism.plain_names import figure, quantity, title_of, with_titles
 from slam.report.criticism.segment import Segment
 from slam.report.criticism.values import change_of_size
 from slam.simulation.terms import CATALOGUE
@@ -66,7 +67,7 @@ def _draw(axes: Axes, series: SizeOverTime, result: Criticism) -> None:
         own = of_part == flight
         axes.errorbar(
             series.begin_s[own] + series.part_s / 2, factor * series.sizes[own],
-            factor * TWO_SIDED * series.errors[own], linestyle="none", label=flight,
+            factor * WIDE * series.errors[own], linestyle="none", label=flight,
             color=_COLOURS[k % len(_COLOURS)], marker=_MARKERS[k // len(_COLOURS) % len(_MARKERS)],
             linewidth=0.7, markersize=2,
         )  # fmt: skip

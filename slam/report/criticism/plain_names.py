@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from slam.core.units import everyday, spaced
 from slam.simulation.terms import CATALOGUE
 
-TWO_SIDED = 1.96
-"""Standard deviations to either end of a 95 % interval."""
 _MOST_IN_FIGURES = 999.5
 """Larger values with three significant figures would have an exponent."""
 _NAMES = re.compile(rf"(?<![\w.(])({'|'.join(sorted(CATALOGUE, key=len, reverse=True))})(\.\w+)?(?![\w])")

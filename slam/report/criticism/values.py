@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from slam.core.names import enumerated
 from slam.core.units import everyday, spaced, to_error
-from slam.criticism.cause import Interval
+from slam.criticism.cause import WIDE, Interval
 from slam.criticism.finding import Onset
-from slam.report.criticism.plain_names import TWO_SIDED, constant, figure, quantity, title_of
+from slam.report.criticism.plain_names import constant, figure, quantity, title_of
 from slam.simulation.terms import CATALOGUE, Parameter
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def _mean(series: SizeOverTime, rows: NDArray[np.bool_]) -> Interval:
     sizes, weight = series.sizes[rows], series.errors[rows] ** -2.0
     mean = float(np.average(sizes, weights=weight))
     spread = float(weight @ (sizes - mean) ** 2) / max(len(sizes) - 1, 1)
-    reach = TWO_SIDED * float(np.sqrt(max(spread, 1.0) / weight.sum()))
+    reach = WIDE * float(np.sqrt(max(spread, 1.0) / weight.sum()))
     return Interval(mean, series.unit, mean - reach, mean + reach)
 
 
@@ -132,7 +132,7 @@ def is_shown(name: str, result: Criticism) -> bool:
     ends = np.array([found.low, found.high])
     reach = float(np.ptp(np.log(ends) if nuisance.form == "log" else ends)) / 2.0
     precision = nuisance.prior_precision(filter_parameters_of(result.model))
-    return (reach / TWO_SIDED) ** 2 * precision <= 0.5
+    return (reach / WIDE) ** 2 * precision <= 0.5
 
 
 def _own_constants(result: Criticism) -> list[tuple[str, Interval]]:

@@ -107,7 +107,7 @@ def test_a_velocity_in_axes_of_the_world_is_told():
 
 @pytest.mark.slow
 def test_wrong_axes_are_told_and_right_ones_are_not():
-    from tests.slam.criticism.test_without_commands import flights
+    from tests.slam.criticism.without_commands.unsteered import flights
 
     for flight in flights():
         assert wrong_axes(flight)[0] == []

@@ -4,52 +4,18 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
 from slam.criticism import criticise, next_flight
 from slam.criticism.finding import ImplausibleSize
-from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
-from slam.criticism.without_commands.explanation import search_linear
-from slam.criticism.without_commands.likelihood import PATTERNS, likelihood_of
-from slam.criticism.without_commands.sensor_comparison import SensorComparison
-from slam.data_quality.inertial_comparison import NODE_S
-from slam.data_quality.lag import Lag
-from slam.data_quality.whitened_rows import inertial_residuals, lags_of
-from slam.simulation.healthy.flights import healthy_case, simulate_flight, simulate_readings
+from slam.simulation.healthy.flights import simulate_flight, simulate_readings
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
-from tests.slam.criticism.camera.camera_flight import camera_flight
-
-PLANS = (
-    ["climb and descend by 0.6 m", "three speeds forward: 0.1, 0.2, 0.4", "yaw steps at 0.3, 0.6 and 1"],
-    ["brisk climb steps at full stick", "three speeds to the side: 0.1, 0.2, 0.4", "hover for 8 s"],
-    ["up to 2 m, hover, and back", "reversing forward at 0.2", "yaw steps at 0.3, 0.6 and 1"],
-)  # fmt: skip
-
-
-def flights(term="", **size):
-    return list(_flights(term, **size))
-
-
-@cache
-def _flights(term, **size):
-    model = load_model("nominal")
-    vehicle = model.with_term(term, **size) if term else model
-    return [
-        replace(simulate_flight(vehicle, stick_for(plan), 40 + k, maker=model), command=None)
-        for k, plan in enumerate(PLANS)
-    ]
-
-
-@cache
-def found_in(term="", **size):
-    """What is found in the three flights."""
-    return criticise(flights(term, **size))
+from tests.slam.criticism.without_commands.unsteered import delayed, flights, found_in
 
 
 def test_healthy_instruments_agree_whatever_moves_the_vehicle():
@@ -87,22 +53,6 @@ def test_an_instrument_that_errs_is_named_with_its_size(term, parameter, size, m
     assert cause.rival in cause.alternatives[1:] or cause.alternatives == (cause.name,)
 
 
-@pytest.mark.parametrize("seed", [9502, 9538])
-def test_a_rate_that_jumps_between_two_samples_is_no_scale_of_the_gyro(seed):
-    flight = replace(healthy_case(load_model("nominal"), seed, 1, 30.0)[0], command=None)
-    assert score([inertial_residuals(flight)], "gyro_scale").z < 3.2
-
-
-def score(rows, name):
-    """The score test of one effect alone."""
-    expansion = expansion_of(rows)
-    return expansion.score_tests([], [e for e in expansion.effects if e.name == name])[0]
-
-
-def expansion_of(rows):
-    return likelihood_of(rows, filter_parameters_of(load_model("nominal"))).last
-
-
 def test_one_instrument_alone_has_nothing_to_be_held_against():
     bare = [replace(f, imu=None, velocity=None, sonar=None) for f in flights()]
     found = criticise(bare)
@@ -130,55 +80,6 @@ def test_nothing_and_something_else_are_among_the_hypotheses():
     found = criticise(late)
     assert "attitude late by 5" in found.remainder
     assert {r.name: r.probability for r in found.ranking}[SOMETHING_ELSE] > 0.9
-
-
-def delayed(flight, by_s):
-    """With an attitude that comes late, which no term is."""
-    return replace(flight, attitude=replace(flight.attitude, stamps_s=flight.attitude.stamps_s + by_s))
-
-
-def compared(every):
-    """Return the rows of some flights, linear about the lags of their streams."""
-    lags = lags_of(every)
-    return [inertial_residuals(flight, lags) for flight in every]
-
-
-@pytest.mark.parametrize("time_s", [0.1, -0.08])
-def test_an_attitude_that_lags_is_no_error_of_the_speed(time_s):
-    """The attitude turns the accelerometer into the world: where it lags, the integrated speed is wrong.
-    ``time_s``: a delay, or the negative time constant of a filter."""
-
-    def lagging(flight):
-        if time_s > 0.0:
-            return delayed(flight, time_s)
-        stamps_s, angles = flight.attitude.stamps_s, flight.attitude.roll_pitch_yaw_rad
-        angles = Lag(smoothing_s=-time_s).of(stamps_s, np.unwrap(angles, axis=0))
-        return replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles))
-
-    parameters = filter_parameters_of(load_model("nominal"))
-    rows = compared([lagging(f) for f in flights()])
-    assert all("attitude.delay_s" in r.traces for every in rows for r in every if r.kind == "velocity")
-    found = search_linear(likelihood_of(rows, parameters))
-    sizes = found.last.sizes(found.chosen)
-    assert not any(effect.is_term for effect in found.chosen), sizes
-    assert abs(sizes["attitude.delay_s"] - abs(time_s)) < 0.015
-    assert abs(max(sizes.get("attitude smoothed", 0.0), 0.0) ** 0.5 - max(-time_s, 0.0)) < 0.02
-
-
-@pytest.mark.parametrize("late_s", [0.06, 0.16, 0.3])
-def test_a_late_speed_is_told_with_its_delay_however_long_it_is(late_s):
-    """Far from the truth the noise of the rows has the delay in it: rows are linear about the likeliest."""
-
-    def late(flight):
-        velocity = flight.velocity
-        return replace(flight, velocity=replace(velocity, stamps_s=velocity.stamps_s + late_s))
-
-    expansion = expansion_of(compared([late(flight) for flight in flights()]))
-    found = next(s for s in expansion.score_tests([], expansion.effects) if s.effect.name == "velocity late")
-    size = expansion.sizes([found.effect])["velocity.delay_s"]
-    print(f"late by {late_s} s: found {size:.3f} s, z {found.z:.1f}")
-    assert abs(size - late_s) < 0.03
-    assert found.z > 5.0
 
 
 @pytest.mark.slow
@@ -241,17 +142,6 @@ def test_the_gain_is_reported_in_the_units_of_what_is_read(term, parameter, size
     assert f"the error of {channel} 2 s ahead is" in " ".join(found.details)
 
 
-def test_a_reading_a_little_late_of_an_even_clock_does_not_show_what_runs_away():
-    """Of an accelerometer that is off, what is integrated twice is hundreds of metres after a minute."""
-    model = load_model("nominal")
-    plan = ["climb and descend by 0.6 m", "hover for 8 s"] * 5
-    flight = simulate_flight(model.with_term("accel_bias", z=0.3), stick_for(plan), 3, maker=model)
-    (height,) = (r.averages for r in inertial_residuals(flight) if r.kind == "height")
-    column = height.table[:, height.column("accel_bias.z")]
-    curved = (column[2:] - 2.0 * column[1:-1] + column[:-2]) / NODE_S**2
-    np.testing.assert_allclose(curved, -1.0, atol=0.1)
-
-
 def test_a_size_that_changes_is_reported_as_left_over():
     model = load_model("nominal")
     plan = stick_for(["hover for 8 s"] * 14)
@@ -291,62 +181,6 @@ def test_a_size_that_is_not_plausible_is_told_and_is_no_cause(eps):
     told = [finding for finding in found.findings if isinstance(finding, ImplausibleSize)]
     assert [finding.column for finding in told] == ["gyro_scale.eps"]
     assert told[0].value == pytest.approx(eps, abs=0.02)
-
-
-def seen(terms):
-    """Three flights of ten seconds with pictures, of which nobody knows the sticks."""
-    return [replace(camera_flight(terms, seed), name=f"seen {seed}", command=None) for seed in (5, 6, 7)]
-
-
-@pytest.mark.slow
-def test_healthy_pictures_agree_with_the_other_instruments():
-    found = criticise(seen({}))
-    assert found.verdict == "nothing_wrong", found.sentence
-    assert "focal_length" in found.detectable
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("term", "parameter", "size"),
-    [
-        pytest.param("focal_length", "eps", 0.06, marks=pytest.mark.slow),
-        ("rolling_shutter", "readout", 0.03),
-    ],
-)
-def test_pictures_are_held_against_the_other_instruments(term, parameter, size):
-    found = criticise(seen({term: {parameter: size}}))
-    cause = found.causes[0]
-    assert cause.name == term, found.sentence
-    reported = cause.parameters[parameter]
-    assert reported.low < size < reported.high
-    assert abs(reported.value - size) < 0.25 * size
-    missed = next(c for c in cause.gain.channels if c.unit == "px")
-    assert missed.after < missed.before
-
-
-@pytest.mark.slow
-def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about_it():
-    found = SensorComparison.of(seen({}), load_model("nominal"))
-    plain = expansion_of(found.rows({}))
-    # No filter parameters hold a pattern, or a variance below 0: rows about them are rows about none.
-    shape = PATTERNS[0]
-    about = expansion_of(found.rows({shape: 2.0, "motion_blur.exposure": -1e-4}))
-    np.testing.assert_allclose(about.fisher.score, plain.fisher.score)
-    # About a size that the parameters do hold, what is off is the same, whatever has been taken out.
-    near = expansion_of(found.rows({"focal_length.eps": 0.01}))
-    whole = [e for e in plain.effects if e.name in ("focal_length", "sonar_scale", "camera_tilt")]
-    first, second = plain.sizes(whole), near.sizes(whole)
-    assert abs(second["focal_length.eps"] - first["focal_length.eps"]) < 0.002
-
-
-def test_pictures_that_nothing_agrees_with_are_reported_and_name_no_cause():
-    flight = replace(camera_flight({}, 5, rate_hz=2.0), command=None)
-    wild = replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s)
-    found = criticise([replace(flight, velocity=wild)])
-    assert (found.verdict, found.causes) == ("unknown", ())
-    assert "pictures disagree" in found.remainder
-    # A height alone makes no path.
-    assert criticise([replace(flight, imu=None, attitude=None, velocity=None)]).verdict == "unusable"
 
 
 def test_what_single_readings_show_is_reported_without_commands():

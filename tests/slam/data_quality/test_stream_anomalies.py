@@ -9,7 +9,7 @@ import pytest
 
 from slam.core.streams import Sonar
 from slam.data_quality.channels import InstrumentReadings
-from slam.data_quality.frozen import frozen
+from slam.data_quality.frozen import frozen, never
 from slam.data_quality.in_motion import others_move
 from slam.data_quality.oscillation import strongest_line
 from slam.data_quality.rounding import rounding
@@ -143,8 +143,10 @@ def test_a_stream_that_freezes_to_the_end_is_told_where_the_others_show_a_motion
     assert found is not None
     assert found.begin_s[0] == pytest.approx(30.0)
     assert found.share == pytest.approx(0.5, abs=0.01)
-    # It may stand on the floor.
+    # It may stand on the floor, or hover for a moment.
     assert frozen(ended) is None
+    kept = ended.stamps_s < 34.5
+    assert frozen(replace(ended, stamps_s=ended.stamps_s[kept], values=ended.values[kept]), always) is None
 
 
 def test_a_rounding_that_begins_is_told_with_its_moment():
@@ -161,13 +163,14 @@ def test_a_rounding_that_begins_is_told_with_its_moment():
 def test_a_stream_without_readings_is_told_with_begin_and_duration(begin_s: float):
     healthy = stream()
     gone = (healthy.stamps_s > begin_s) & (healthy.stamps_s < begin_s + 20.0)
-    found = silent(
-        replace(healthy, values=np.where(gone[:, None], np.nan, healthy.values)), 60.0, always, None
-    )
+    broken = replace(healthy, values=np.where(gone[:, None], np.nan, healthy.values))
+    found = silent(broken, 60.0, always, None)
     assert found is not None
     assert (found.begin_s, found.lasts_s) == (pytest.approx(begin_s), pytest.approx(20.0, abs=0.1))
     assert found.is_last == (begin_s == 40.0)
     assert silent(healthy, 64.0, always, None) is None
+    # It may be switched off on the floor.
+    assert silent(broken, 60.0, never, None) is None
 
 
 def test_a_sonar_at_its_limit_may_lose_the_echo():
@@ -187,6 +190,13 @@ def test_what_rests_while_the_others_show_no_motion_is_no_failure():
     resting = replace(resting, values=np.where(late[:, None], 0.01 * resting.values, resting.values))
     assert others_move([flying, resting], "gyro", 40.0, 60.0)
     assert not others_move([flying, resting], "velocity", 40.0, 60.0)
+
+
+def test_a_sonar_off_the_floor_shows_a_flight_however_still():
+    still = replace(stream(), name="sonar", channels=("range",))
+    for range_m, flies in ((1.0, True), (0.05, False)):
+        sonar = replace(still, values=np.full((len(still.stamps_s), 1), range_m))
+        assert others_move([sonar], "gyro", 40.0, 60.0) == flies
 
 
 def test_rest_in_a_record_that_is_mostly_rest_is_no_motion():
