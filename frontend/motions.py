@@ -89,9 +89,14 @@ class OtherMotion:
 
     @staticmethod
     def of(
-        share: float, i_H_j: Array, floor_i_H_j: Array, at: Array, size_px: tuple[int, int]
+        i_H_j: Array, at: Array, floor_i_H_j: Array, of_floor: NDArray[np.bool_], size_px: tuple[int, int]
     ) -> OtherMotion:
-        """Describe the motion of points at (m, 2) in picture j, beside that of the floor."""
+        """Describe the motion of points at (m, 2) in picture j, beside that of the floor.
+
+        ``of_floor``: cells with matches of the floor.
+        """
+        covered = occupied(cells(at, size_px))
+        share = float(covered.sum() / (covered | of_floor).sum())
         middle = 0.5 * np.array([size_px], dtype=np.float64)
         moved, floor, of_middle = (
             (transfer(H, place) - place).mean(axis=0).tolist()
@@ -116,10 +121,8 @@ class FloorMotion:
         """Describe the other motion of the matches at (m, 2) in picture j; None without one."""
         if self.other_i_H_j is None or not self.elsewhere.any():
             return None
-        at, filled = pixel_j[self.elsewhere], occupied(cells(pixel_j[self.fit.inlier], size_px))
-        cell = occupied(cells(at, size_px))
-        share = float(cell.sum() / (cell | filled).sum())
-        return OtherMotion.of(share, self.other_i_H_j, self.fit.i_H_j, at, size_px)
+        of_floor = occupied(cells(pixel_j[self.fit.inlier], size_px))
+        return OtherMotion.of(self.other_i_H_j, pixel_j[self.elsewhere], self.fit.i_H_j, of_floor, size_px)
 
 
 def floor_motion(

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from frontend.elevation import Elevation
 
+Array = NDArray[np.float64]
+
 _TOP_PERCENT = 95.0
 """Percentile of the heights of an obstacle that counts as its height: a few cells may be wrong."""
 
@@ -37,11 +39,6 @@ class Obstacle:
         """Radius of a disc of its area."""
         return float(np.sqrt(self.area_m2 / np.pi))
 
-    def overlaps(self, other: Obstacle) -> bool:
-        """Return whether discs of the areas of both overlap."""
-        apart = np.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
-        return bool(apart < self.radius_m + other.radius_m)
-
 
 @dataclass(frozen=True)
 class ObstacleList:
@@ -57,15 +54,21 @@ class ObstacleList:
         """Those that the pictures show."""
         return tuple(one for one in self.found if "pictures" in one.measured_by)
 
+    @property
+    def _discs(self) -> Array:
+        """(3, n) x, y and radius of each."""
+        return np.array([(one.x_m, one.y_m, one.radius_m) for one in self.found]).reshape(-1, 3).T
+
     def joined(self, others: ObstacleList) -> ObstacleList:
-        """Return these with further ones; those that overlap are the same, as these show it."""
+        """Return these with further ones. Those whose discs overlap are the same, as they are here."""
         every = list(self.found)
-        for other in others.found:
-            same = [k for k in range(len(self.found)) if every[k].overlaps(other)]
-            for k in same:
-                names = dict.fromkeys((*every[k].measured_by, *other.measured_by))
-                every[k] = replace(every[k], measured_by=tuple(names))
-            if not same:
+        (x, y, radius), (other_x, other_y, other_radius) = self._discs, others._discs
+        for k, other in enumerate(others.found):
+            same = np.hypot(x - other_x[k], y - other_y[k]) < radius + other_radius[k]
+            for number in np.flatnonzero(same):
+                names = dict.fromkeys((*every[number].measured_by, *other.measured_by))
+                every[number] = replace(every[number], measured_by=tuple(names))
+            if not same.any():
                 every.append(other)
         above_m = min(self.above_m, others.above_m) if others.found else self.above_m
         return ObstacleList(above_m, _largest_first(every))

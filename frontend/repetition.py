@@ -27,9 +27,10 @@ LEAST_COMMON = 0.25
 """Least share of the picture that it has in common with itself at a displacement: with less, too few features
 vote. It holds for two copies beside each other, each half a picture wide."""
 AS_GOOD = 0.5
-"""A copy competes if so many of its features match, relative to those of the right place. The right place of
-a picture that overlaps by half has only half of the votes that a copy may have. Healthy floors (puzzle,
-planks, lines, the recorded flights and photographs) have 0; tiles of a third of the picture have 0.8 to 3."""
+"""Share of the features that match at a copy, over that at the right place, from which the copy competes.
+Where two pictures overlap by half, the right place has only half of the votes that a copy may have. Floors
+that do not repeat (puzzle, planks, lines, the recorded flights and photographs) have 0; tiles of a third of
+the picture have 0.8 to 3."""
 _PARALLEL = np.cos(np.radians(20.0))
 
 
@@ -81,6 +82,7 @@ def _peaks(
     """Return the common displacements of pairs of features, with the share of those that have a partner."""
     off, (w, h) = pixel[second] - pixel[first], size_px
     common = (1 - np.abs(off[:, 0]) / w) * (1 - np.abs(off[:, 1]) / h)
+    # Of each pair, only the displacement downwards counts, or to the right if it is level.
     chosen = (off @ [1e-6, 1.0] > 0) & (np.hypot(*off.T) > LEAST_WIDTHS * w) & (common > LEAST_COMMON)
     first, off = first[chosen], off[chosen]
     found: list[tuple[Array, float]] = []

@@ -24,6 +24,12 @@ Array = NDArray[np.float64]
 RotationSinceMiddleRow = Callable[[Array], Array]
 """Map (m,) seconds after the middle row to (m, 3) rotation vectors of the camera since then, camera axes."""
 
+_NODE_PX = 32
+"""Distance of the pixels at which the displacement of rows is computed: it is smooth, and linear between."""
+_FARTHEST = 10.0
+"""Depth of a node, in heights of the camera, beyond which it counts as so far away: the horizon, which does
+not move."""
+
 
 @dataclass(frozen=True)
 class NeighbourView:
@@ -129,13 +135,6 @@ def _plane(corners: Array, speed: Array) -> Array:
     """Return the parameters (8,) of the motion that gives four points (4, 2) their speeds (4, 2)."""
     columns = [_of_plane(corners, unit).ravel() for unit in np.eye(8)]
     return np.asarray(np.linalg.solve(np.column_stack(columns), speed.ravel()))
-
-
-_NODE_PX = 32
-"""Distance of the pixels at which the displacement of rows is computed: it is smooth, and linear between."""
-_FARTHEST = 10.0
-"""Depth of a node, in heights of the camera, beyond which it counts as so far away: the horizon, which does
-not move."""
 
 
 def picture_at_once(

@@ -43,7 +43,4 @@ def second_motion(
     fit = fit_homography(points_i, points_j, corners_px, quick)
     if fit is None or fit.inlier.sum() < least:
         return None
-    seen = points_j.pixel[fit.inlier]
-    covered = occupied(cells(seen, size_px))
-    share = float(covered.sum() / (covered | filled).sum())
-    return OtherMotion.of(share, fit.i_H_j, link.i_H_j, seen, size_px)
+    return OtherMotion.of(fit.i_H_j, points_j.pixel[fit.inlier], link.i_H_j, filled, size_px)

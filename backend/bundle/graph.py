@@ -38,7 +38,7 @@ from backend.bundle.inertial.graph import (
     InertialPart,
     add_inertial,
 )
-from backend.bundle.lens import prior_calibration, prior_covariance, start_numbers
+from backend.bundle.lens import add_calibration, start_numbers
 from backend.bundle.noise_level import over_typical, positions_over_typical
 from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.bundle.reported.graph import ReportedPart, add_reported
@@ -204,7 +204,7 @@ def pose_side_factors(problem: BundleProblem, noise: NoiseLevels, start: gtsam.V
     weights = ControlWeights(noise.control, noise.marks, problem.config.huber_sigmas)
     add_control(pose_side, problem.measurements.control, WORLD, lens, weights, problem.exposure_motion)
     if problem.self_calibrates:
-        _add_calibration(pose_side, problem.camera)
+        add_calibration(pose_side, problem.camera)
     if problem.exposure_motion is not None:
         add_readout(pose_side, problem.exposure_motion)
     _add_gauge(pose_side, problem, start, noise)
@@ -226,12 +226,6 @@ def start_calibration(at: Variables, camera: PinholeModel) -> Variables:
     values = gtsam.Values(at.values)
     values.insert(CALIBRATION(0), start_numbers(camera))
     return Variables(values, at.point)
-
-
-def _add_calibration(pose_side: PoseSideFactors, camera: PinholeModel) -> None:
-    """Add the prior on the calibration."""
-    model = gtsam.noiseModel.Gaussian.Covariance(prior_covariance(camera))
-    pose_side.add("lens prior", gtsam.PriorFactorVector(CALIBRATION(0), prior_calibration(camera), model))
 
 
 def _add_sensors(pose_side: PoseSideFactors, problem: BundleProblem, noise: NoiseLevels) -> None:

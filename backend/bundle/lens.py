@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import K as CALIBRATION
 from numpy.typing import NDArray
 
+from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.measurements import LensModel, PinholeModel
 
 Array = NDArray[np.float64]
@@ -76,3 +79,9 @@ def prior_covariance(camera: PinholeModel) -> Array:
     covariance = np.diag(sigmas**2)
     covariance[FOCAL, FOCAL] += camera.focal_std_ratio**2 * np.outer(focal, focal)
     return covariance
+
+
+def add_calibration(pose_side: PoseSideFactors, camera: PinholeModel) -> None:
+    """Add the prior on the calibration."""
+    model = gtsam.noiseModel.Gaussian.Covariance(prior_covariance(camera))
+    pose_side.add("lens prior", gtsam.PriorFactorVector(CALIBRATION(0), prior_calibration(camera), model))

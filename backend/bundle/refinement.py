@@ -53,20 +53,12 @@ from backend.bundle.graph import (
 from backend.bundle.inertial.graph import InertialPart
 from backend.bundle.inertial.noise import start_factors
 from backend.bundle.lens import LensEstimate, prior_covariance, start_numbers
-from backend.bundle.lens_choice import fisheye_by_evidence
 from backend.bundle.minimise import BundleOptimum
+from backend.bundle.model_selection import solve_best_model
 from backend.bundle.noise import start_noise
 from backend.bundle.reported.graph import ReportedPart
-from backend.bundle.rolling_shutter import (
-    ReadoutEstimate,
-    freed_readout,
-    is_rolling,
-    readout_estimate,
-    readout_test,
-    row_motion_m,
-    with_stated_readout,
-)
-from backend.bundle.rounds import Solved, reported_noise, solve_rounds
+from backend.bundle.rolling_shutter import ReadoutEstimate, row_motion_m, with_stated_readout
+from backend.bundle.rounds import Solved, reported_noise
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
 from backend.measurements import Measurements, PinholeModel
@@ -105,7 +97,7 @@ class Bundle:
     lens: LensEstimate | None
     """None if the calibration was fixed."""
     readout: ReadoutEstimate | None
-    """Read-out time of a rolling shutter; None of pictures that are no photographs, or do not move."""
+    """Read-out time of the shutter; None where nothing is known of how the rows were exposed."""
     row_motion_m: Array | None
     """(n, 3) motion of the cameras in body axes from the first row to the last; None for a global shutter."""
     b_T_c: Array
@@ -175,31 +167,7 @@ def refine(
         inertial=start_factors(problem, at.values),
         reported=reported_noise(problem, at.values),
     )
-    solved = solve_rounds(problem, at, noise, at.values, on_step)
-    fisheye = fisheye_by_evidence(solved.optimum, solved.minimum.error, at.values)
-    solved = _solved_again(solved, fisheye, at.values, on_step)
-    shutter = readout_test(solved.optimum)
-    try:
-        rolling = _solved_again(solved, freed_readout(solved.optimum, shutter), at.values, on_step)
-        found = None if rolling is solved else readout_test(rolling.optimum)
-    except BackendError:  # a read-out time without a solution is no evidence against the one that is found
-        found = None
-    if found is not None and is_rolling(found):
-        solved, shutter = rolling, found
-    return _result(solved, readout_estimate(solved.optimum, shutter))
-
-
-def _solved_again(
-    solved: Solved,
-    other: tuple[BundleProblem, Variables] | None,
-    start: gtsam.Values,
-    on_step: Callable[[int, float], None] | None,
-) -> Solved:
-    """Return the rounds of another problem that the evidence prefers to the solved one, if there is one."""
-    if other is None:
-        return solved
-    again = solve_rounds(*other, solved.optimum.noise, start, on_step)
-    return replace(again, iterations=solved.iterations + again.iterations)
+    return _result(*solve_best_model(problem, at, noise, on_step))
 
 
 def _check_start(w_T_b: Array, camera: PinholeModel, floor_z_m: float) -> None:

@@ -117,7 +117,7 @@ def find_heights(
 ) -> Heights:
     """Return relief and structure by the pictures alone. ``used`` (t,) counts the observations in use.
 
-    Heights are over the floor if the fit has it ``level`` at zero, and else over the plane of most points.
+    Heights are over the floor if the fit has it ``level`` at zero, and else over the plane of the ground.
     """
     known = (free.agreeing >= 2) & (free.information * start.relief**2 > _LEAST_INFORMATION)
     none, on_ground = np.zeros(len(known), bool), known & (used >= 2)

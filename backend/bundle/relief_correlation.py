@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.quantiles import chi_square_limit
+from backend.significance import FALSE_ALARM
 
 Array = NDArray[np.float64]
 
@@ -27,8 +28,6 @@ _EXTENT_PERCENT = 1.0, 99.0
 """Percentiles of the places between which the ground lies: a wrong point may be anywhere."""
 _MOST_SIGMAS = 3.0
 """Standard deviations beyond which one height counts no more."""
-_FALSE_ALARMS = 1e-3
-"""Probability that independent heights count as correlated."""
 
 
 def design_effect(xy: Array, z: Array, variance: Array, relief: float) -> float:
@@ -51,7 +50,7 @@ def design_effect(xy: Array, z: Array, variance: Array, relief: float) -> float:
         column, row = (place / side).astype(np.int64).T
         block = column * (row.max() + 1) + row
         pairs = np.sum(np.bincount(block, weighted) ** 2) - np.sum(weighted**2)
-        if pairs > _by_chance(np.bincount(block, weight).astype(float), weight, _FALSE_ALARMS / sizes):
+        if pairs > _by_chance(np.bincount(block, weight).astype(float), weight, FALSE_ALARM / sizes):
             most = max(most, 1.0 + float(pairs / (relief**2 * np.sum(weight**2))))
     return most
 

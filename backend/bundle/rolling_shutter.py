@@ -79,6 +79,11 @@ class ReadoutTest:
         """Logarithm of the ratio of the marginal likelihoods with and without a read-out time."""
         return float(0.5 * (self.readout_s / self.std_s) ** 2 - np.log(PRIOR_STD_S / self.std_s))
 
+    @property
+    def is_rolling(self) -> bool:
+        """Whether this evidence is very strong, as it must be with the read-out time as a variable."""
+        return self.log_evidence > VERY_STRONG_NATS
+
 
 def with_stated_readout(problem: BundleProblem, at: Variables) -> BundleProblem:
     """Return the problem with the read-out time that somebody states, which is fixed."""
@@ -94,7 +99,7 @@ def corrected_rows(problem: BundleProblem, at: Variables) -> tuple[BundleProblem
     if problem.exposure_motion is None:
         return problem, at, True
     motion = problem.exposure_motion
-    readout_s = motion.readout_s + Cameras.of(problem, at.values).readout_s
+    readout_s = _readout_s(motion, at.values)
     if motion.is_free:
         values = gtsam.Values(at.values)
         values.update(READOUT, np.zeros(1))
@@ -132,7 +137,7 @@ def readout_test(optimum: BundleOptimum) -> ReadoutTest | None:
     unit[columns] = 1.0
     change = reduced.solve(unit, np.zeros((jacobian.shape[1] - reduced.size, 1)))
     effect = design_effect(doubted, np.asarray(jacobian @ np.vstack(change))[:, 0], residuals)
-    found = motion.readout_s + Cameras.of(problem, at.values).readout_s + float(step[columns][0])
+    found = _readout_s(motion, at.values) + float(step[columns][0])
     # The prior is no residual of the pictures.
     precision = (1.0 / float(change[0][columns][0, 0]) - PRIOR_STD_S**-2.0) / effect
     told = found * (precision + PRIOR_STD_S**-2.0 / effect) / (precision + PRIOR_STD_S**-2.0)
@@ -154,7 +159,8 @@ def _doubting_cost(problem: BundleProblem, optimum: BundleOptimum, at: Variables
 def freed_readout(optimum: BundleOptimum, test: ReadoutTest | None) -> tuple[BundleProblem, Variables] | None:
     """Return problem and variables with the read-out time as a variable; None without any evidence for it.
 
-    A map with the wrong shutter has so much noise that its evidence is weak: `is_rolling` decides.
+    A map with the wrong shutter has so much noise that its evidence is weak: `ReadoutTest.is_rolling` of
+    the solved one decides.
     """
     if test is None or test.log_evidence <= 0:
         return None
@@ -168,11 +174,6 @@ def freed_readout(optimum: BundleOptimum, test: ReadoutTest | None) -> tuple[Bun
     except BackendError:
         return None
     return problem, at
-
-
-def is_rolling(test: ReadoutTest | None) -> bool:
-    """Return whether a map with the read-out time as a variable has very strong evidence of it."""
-    return test is not None and test.log_evidence > VERY_STRONG_NATS
 
 
 def _with_free_readout(
@@ -196,8 +197,8 @@ def readout_estimate(optimum: BundleOptimum, test: ReadoutTest | None) -> Readou
         return ReadoutEstimate(0.0, test.std_s, PRIOR_STD_S, False, _known(test.motion))
     if not motion.is_free or test is None:
         return ReadoutEstimate(motion.readout_s, 0.0, 0.0, False, _known(motion))
-    found = motion.readout_s + Cameras.of(optimum.problem, optimum.values).readout_s
-    return ReadoutEstimate(found, test.std_s, PRIOR_STD_S, True, _known(motion))
+    readout_s = _readout_s(motion, optimum.values)
+    return ReadoutEstimate(readout_s, test.std_s, PRIOR_STD_S, True, _known(motion))
 
 
 def row_motion_m(optimum: BundleOptimum) -> Array | None:
@@ -206,11 +207,16 @@ def row_motion_m(optimum: BundleOptimum) -> Array | None:
     problem, motion = optimum.problem, optimum.problem.exposure_motion
     if motion is None:
         return None
-    cameras = Cameras.of(problem, optimum.values)
+    f_T_c = Cameras.of(problem, optimum.values).f_T_c
     scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
-    moved = scale * (motion.readout_s + cameras.readout_s) * motion.f_v
-    b_R_f = problem.b_T_c(optimum.values)[:3, :3] @ np.swapaxes(cameras.f_T_c[:, :3, :3], 1, 2)
+    moved = scale * _readout_s(motion, optimum.values) * motion.f_v
+    b_R_f = problem.b_T_c(optimum.values)[:3, :3] @ np.swapaxes(f_T_c[:, :3, :3], 1, 2)
     return np.asarray(np.einsum("nab,nb->na", b_R_f, moved))
+
+
+def _readout_s(motion: ExposureMotion, values: gtsam.Values) -> float:
+    """Return the read-out time of a motion, with its correction by the variables."""
+    return motion.readout_s + (float(values.atVector(READOUT)[0]) if motion.is_free else 0.0)
 
 
 def _known(motion: ExposureMotion) -> int:

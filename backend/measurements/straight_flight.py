@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _LONGEST_GAP = 2.5
-"""Longest time to a neighbour, over the median: one photograph may lack, while the turn to the next strip
-takes longer."""
+"""Longest time to a neighbour, over the median: one photograph may be missing, while the turn to the
+next strip takes longer."""
 _LARGEST_BEND = np.cos(np.radians(30.0))
 """Cosine of the largest angle between the way to a photograph and the way from it on a strip."""
 _LARGEST_CHANGE = 2.0

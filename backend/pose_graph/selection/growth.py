@@ -62,13 +62,13 @@ def _chain_poses(problem: Problem) -> Array:
 
 def _grown_chain(gauge_fixed: GaugeFixedProblem, members: Index, number: int) -> Chain:
     """Grow the consistent loops within one chain of odometry, with its first pose fixed."""
-    own = gauge_fixed_part(gauge_fixed, members, initial_poses(gauge_fixed.problem.restricted(members))[0])
+    own = anchored_part(gauge_fixed, members, initial_poses(gauge_fixed.problem.restricted(members))[0])
     trusted = own.problem.trusted
     grown = GrownSet(trusted, odometry_poses(own), True) if trusted.all() else grow_from_odometry(own)
     return Chain(members, grown.w_T, part_samples(own, grown.kept, grown.w_T, number))
 
 
-def gauge_fixed_part(gauge_fixed: GaugeFixedProblem, members: Index, w_T_first: Array) -> GaugeFixedProblem:
+def anchored_part(gauge_fixed: GaugeFixedProblem, members: Index, w_T_first: Array) -> GaugeFixedProblem:
     """Return the problem of some poses (sorted), with the first of them fixed at ``w_T_first`` (4, 4)."""
     problem = gauge_fixed.problem.restricted(members)
     problem = replace(problem, unary_factors=(fixed(0, w_T_first, problem.dimension),))

@@ -17,7 +17,7 @@ from backend.pose_graph.chi_square import SIGNIFICANCE, chi_square_gate
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, initial_poses
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.chains import chain_members
-from backend.pose_graph.selection.growth import gauge_fixed_part, odometry_poses, part_samples
+from backend.pose_graph.selection.growth import anchored_part, odometry_poses, part_samples
 from backend.pose_graph.selection.prediction import (
     LoopInnovations,
     innovations,
@@ -56,7 +56,7 @@ def _innovations(gauge_fixed: GaugeFixedProblem) -> Iterator[LoopInnovations]:
     """Yield the innovations of the loops within each chain."""
     start = initial_poses(gauge_fixed.problem)
     for number, members in enumerate(chain_members(gauge_fixed.problem)):
-        part = gauge_fixed_part(gauge_fixed, members, start[members[0]])
+        part = anchored_part(gauge_fixed, members, start[members[0]])
         own = part.problem
         loops = np.flatnonzero(~own.trusted)
         if len(loops) == 0:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem
 from backend.pose_graph.selection.chains import Chain, Joining, chain_members
-from backend.pose_graph.selection.growth import coarse_solver, gauge_fixed_part, part_samples
+from backend.pose_graph.selection.growth import anchored_part, coarse_solver, part_samples
 from backend.pose_graph.selection.prediction import noise_scale
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ def may_be_wrong(gauge_fixed: GaugeFixedProblem, step: Mask, kept: Mask, w_T: Ar
 
 def _solved_part(gauge_fixed: GaugeFixedProblem, part: Index, kept: Mask, w_T: Array, number: int) -> Chain:
     """Solve the kept edges within a ``part`` of the poses, with its first pose fixed."""
-    own = gauge_fixed_part(gauge_fixed, part, w_T[part[0]])
+    own = anchored_part(gauge_fixed, part, w_T[part[0]])
     kept = kept[gauge_fixed.problem.edges_among(part)]
     at = coarse_solver(own)(kept, w_T[part])
     return Chain(part, at, part_samples(own, kept, at, number))

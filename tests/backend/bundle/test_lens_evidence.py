@@ -76,7 +76,7 @@ def test_points_that_are_seen_twice_tell_no_more(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(lens_evidence, "_design_effect", measured)
     # Copies would count as evidence for another model of the lens too.
-    monkeypatch.setattr("backend.bundle.refinement.fisheye_by_evidence", lambda *_: None)
+    monkeypatch.setattr("backend.bundle.model_selection.fisheye_by_evidence", lambda *_: None)
     for copies in (1, 16):
         for seed in SEEDS:
             made = make(replace(scene, camera=told[-1]), seed)

@@ -62,9 +62,11 @@ def test_a_point_far_off_does_not_hide_the_waves():
     assert design_effect(xy, z, variance, RELIEF) == pytest.approx(alone, rel=0.1)
 
 
-def test_points_on_a_line_or_none_count_each():
-    for count in (0, 1, 50):
-        assert design_effect(np.zeros((count, 2)), np.ones(count), np.zeros(count), RELIEF) == 1.0
+@pytest.mark.parametrize("count", [0, 1, 50])
+@pytest.mark.parametrize("spacing", [0.0, 0.1])
+def test_points_on_a_line_or_in_one_place_or_none_count_each(count: int, spacing: float):
+    xy = np.column_stack([spacing * np.arange(count), np.zeros(count)])
+    assert design_effect(xy, np.ones(count), np.zeros(count), RELIEF) == 1.0
 
 
 @pytest.mark.parametrize("seed", [2, 3])
