@@ -35,7 +35,7 @@ class ExposureMotion:
 
     f_v: Array
     """(n, 3) velocities in the frame of the pictures, in mean heights per second."""
-    is_told: NDArray[np.bool_]
+    is_known: NDArray[np.bool_]
     """(n,) whether the velocity comes from the vehicle or the neighbours. Others are those that the picture
     itself shows."""
     rows: int

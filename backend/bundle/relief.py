@@ -129,16 +129,16 @@ def find_heights(
     relief = _relief(z[on_ground], variance[on_ground], start.relief)
     judged = known & (free.agreeing >= LEAST_PICTURES)
     place = free.point[:, :2]
-    together = design_effect(place[judged], z[judged], variance[judged], relief)
-    found = _with_structure(z[judged], variance[judged], relief, start.relief, together)
+    effect = design_effect(place[judged], z[judged], variance[judged], relief)
+    found = _with_structure(z[judged], variance[judged], relief, start.relief, effect)
     high, structure = none.copy(), start.structure
     if found is not None:
         high[known] = replace(found, z=z[known], variance=variance[known]).probabilities > 0.5
         on_ground &= ~high
         relief, structure = _relief(z[on_ground], variance[on_ground], start.relief), found.structure
-    together = design_effect(place[on_ground], z[on_ground], variance[on_ground], relief)
+    effect = design_effect(place[on_ground], z[on_ground], variance[on_ground], relief)
     doubtful = high & (free.pictures < LEAST_PICTURES)
-    return Heights(relief, structure, float(np.sqrt(together)), high & judged, doubtful)
+    return Heights(relief, structure, float(np.sqrt(effect)), high & judged, doubtful)
 
 
 def _relief(z: Array, variance: Array, start: float) -> float:
@@ -156,21 +156,18 @@ def _relief(z: Array, variance: Array, start: float) -> float:
     return float(np.clip(grid[np.argmin(loss)], max(0.05 * start, _LEAST_RELIEF), 20 * start))
 
 
-def _with_structure(
-    z: Array, variance: Array, relief: float, start: float, together: float
-) -> _Mixture | None:
+def _with_structure(z: Array, variance: Array, relief: float, start: float, effect: float) -> _Mixture | None:
     """Return the kinds of points, None where the ground alone explains the heights.
 
-    Two more numbers must gain more than their Bayesian information criterion, for which points that rise
-    ``together`` count as one: a few waves of the ground have any distribution of heights. ``relief`` is that
-    of ground alone: with much structure it is too large, so that ground as even as a third of the points is
-    tried too.
+    Two more numbers must gain more than their Bayesian information criterion. It counts the points over their
+    design ``effect``: a few waves of the ground have any distribution of heights. ``relief`` is that of
+    ground alone. With much structure it is too large: ground as even as a third of the points is tried too.
     """
     if len(z) < _LEAST_POINTS:
         return None
     best, widest = None, float(np.sqrt(max(float(np.mean(z**2 - variance)), 0.0)))
     alone = max(_Mixture(z, variance, each, each, 0.5).log_likelihood for each in (relief, widest))
-    least = alone + together * np.log(max(len(z) / together, np.e))
+    least = alone + effect * np.log(max(len(z) / effect, np.e))
     for each in (relief, min(relief, _core(z, variance))):
         found = _Mixture.fitted(z, variance, each)
         if found is None or found.log_likelihood <= alone:

@@ -121,7 +121,7 @@ def readout_test(optimum: BundleOptimum) -> ReadoutTest | None:
         return None
     if motion is None:
         motion = _exposure_motion(problem, at, 0.0, is_free=True)
-        if not motion.is_told.any():
+        if not motion.is_known.any():
             return None
         problem, at = _with_free_readout(problem, at, motion)
     cost = _doubting_cost(problem, optimum, at)
@@ -140,8 +140,8 @@ def readout_test(optimum: BundleOptimum) -> ReadoutTest | None:
     found = _readout_s(motion, at.values) + float(step[columns][0])
     # The prior is no residual of the pictures.
     precision = (1.0 / float(change[0][columns][0, 0]) - PRIOR_STD_S**-2.0) / effect
-    told = found * (precision + PRIOR_STD_S**-2.0 / effect) / (precision + PRIOR_STD_S**-2.0)
-    return ReadoutTest(told, (precision + PRIOR_STD_S**-2.0) ** -0.5, motion)
+    readout_s = found * (precision + PRIOR_STD_S**-2.0 / effect) / (precision + PRIOR_STD_S**-2.0)
+    return ReadoutTest(readout_s, (precision + PRIOR_STD_S**-2.0) ** -0.5, motion)
 
 
 def _doubting_cost(problem: BundleProblem, optimum: BundleOptimum, at: Variables) -> BundleCost:
@@ -152,7 +152,7 @@ def _doubting_cost(problem: BundleProblem, optimum: BundleOptimum, at: Variables
     cost = BundleCost.of(problem, optimum.noise, optimum.used, at.values)
     seen, motion = cost.observations, problem.exposure_motion
     assert motion is not None
-    doubt = np.where(motion.is_told[seen.keyframe], 1.0, _DOUBT)
+    doubt = np.where(motion.is_known[seen.keyframe], 1.0, _DOUBT)
     return replace(cost, observations=replace(seen, std_px=doubt * seen.std_px))
 
 
@@ -220,7 +220,7 @@ def _readout_s(motion: ExposureMotion, values: gtsam.Values) -> float:
 
 
 def _known(motion: ExposureMotion) -> int:
-    return int(motion.is_told.sum())
+    return int(motion.is_known.sum())
 
 
 def _exposure_motion(
@@ -235,12 +235,12 @@ def _exposure_motion(
         world = at.values.atVector(WORLD)
         reported = measured.exposure.w_v_m_s @ rotation_of(world, SLOPE) / np.exp(world[LOG_SCALE])
         velocity = np.where(np.isfinite(reported), reported, velocity)
-    is_told = np.asarray(np.isfinite(velocity).all(axis=1))
+    is_known = np.asarray(np.isfinite(velocity).all(axis=1))
     before = problem.exposure_motion
     recorded_px = np.asarray(tracks.pixel, dtype=float) if before is None else before.recorded_px
     motion = ExposureMotion(
         f_v=continued_velocities(measured.stamps_s, place, velocity),
-        is_told=is_told,
+        is_known=is_known,
         rows=measured.exposure.rows,
         readout_s=readout_s,
         is_free=is_free,
@@ -256,8 +256,8 @@ def _with_own_velocities(problem: BundleProblem, at: Variables, motion: Exposure
     other pictures. At the ends of strips, some vehicles stop and others take no notice.
     """
     tracks, cameras = problem.tracks, Cameras.of(problem, at.values)
-    mine = np.flatnonzero(~motion.is_told[tracks.keyframe])
-    if not len(mine) or not motion.is_told.any():
+    mine = np.flatnonzero(~motion.is_known[tracks.keyframe])
+    if not len(mine) or not motion.is_known.any():
         return motion
     keyframe, track = tracks.keyframe[mine], tracks.track[mine]
     pixel = np.ascontiguousarray(motion.recorded_px[mine])
@@ -268,7 +268,7 @@ def _with_own_velocities(problem: BundleProblem, at: Variables, motion: Exposure
     )  # fmt: skip
     late_s = motion.readout_s * motion.since_middle(pixel)
     columns = np.concatenate([of_pose, -late_s[:, None, None] * of_point], axis=2)
-    speed = np.sqrt(np.mean(np.sum(motion.f_v[motion.is_told] ** 2, axis=1)))
+    speed = np.sqrt(np.mean(np.sum(motion.f_v[motion.is_known] ** 2, axis=1)))
     prior = np.diag([*(0.0,) * 6, *(speed**-2.0,) * 3]) if speed > 0 else np.eye(9)
     velocity = motion.f_v.copy()
     for k in np.unique(keyframe):

@@ -78,6 +78,8 @@ class Scene:
     readout_s: float = 0.0
     """Time from the exposure of the first row of a picture to that of the last. A picture is taken each
     second."""
+    stops: tuple[int, ...] = ()
+    """Keyframes at which the vehicle is at rest."""
     camera: PinholeModel = CAMERA
     size_px: tuple[float, float] = (float(SIZE_PX[0]), float(SIZE_PX[1]))
 
@@ -211,6 +213,7 @@ def _tracked(
     is_moving, angle = draw.uniform(size=count) < scene.moving, draw.uniform(0, 2 * np.pi, count)
     speed = 0.05 * h * is_moving * np.array([np.cos(angle), np.sin(angle), 0 * angle])
     rows, velocity = [], np.gradient(f_T_c[:, :3, 3], axis=0)
+    velocity[list(scene.stops)] = 0.0
     for k, pose in enumerate(f_T_c):
         c_p = (point + k * speed.T - pose[:3, 3]) @ pose[:3, :3]
         xy = c_p[:, :2] / c_p[:, 2:]

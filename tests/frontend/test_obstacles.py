@@ -39,7 +39,8 @@ def test_what_is_lower_than_asked_for_or_less_wide_than_that_is_none():
 
 
 def test_two_lists_are_one_with_each_thing_once():
-    house, echo = Obstacle(0.0, 0.0, 3.0, 20.0, ("pictures",)), Obstacle(1.0, 0.5, 2.8, 4.0, ("sonar",))
+    """The discs of house and echo overlap, and the middle of neither lies in the other."""
+    house, echo = Obstacle(0.0, 0.0, 3.0, 20.0, ("pictures",)), Obstacle(3.0, 0.5, 2.8, 4.0, ("sonar",))
     far = Obstacle(9.0, 0.0, 1.0, 30.0, ("sonar",))
     found = ObstacleList(0.1, (house,)).joined(ObstacleList(0.2, (far, echo)))
     assert found.above_m == 0.1

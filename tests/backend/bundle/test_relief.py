@@ -134,6 +134,18 @@ def test_a_single_height_farther_off_than_others_is_no_structure():
     assert found_in(z, 0.001).raised[:10].all()
 
 
+@pytest.mark.parametrize("count", [150, 500])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_crests_and_troughs_of_one_wave_are_no_structure(count: int, seed: int):
+    """Their heights are those of two kinds of points, but neighbours rise and fall together."""
+    xy = np.random.default_rng(seed).uniform(0, 1, (count, 2))
+    wave = np.sin(2 * np.pi * xy).prod(axis=1)
+    z = 0.1 * np.sign(wave) * np.abs(wave) ** 1.8
+    five = np.full(count, 5)
+    free = FreePoints(np.column_stack([xy, z]), np.full(count, 1e7), five, five)
+    assert not find_heights(free, five, NOISE).raised.any()
+
+
 def test_a_height_is_that_of_the_pictures_without_the_prior_of_its_fit():
     of_pictures, information = np.array([0.3, -0.2]), np.array([0.5, 40.0])
     point = np.column_stack([np.zeros((2, 2)), of_pictures * information / (information + 1.0)])

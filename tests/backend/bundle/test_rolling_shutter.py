@@ -10,7 +10,8 @@ import pytest
 from backend.bundle.exposure_motion import PRIOR_STD_S
 from backend.bundle.locate import locate
 from backend.bundle.refinement import Bundle, refine
-from backend.measurements import ControlPoint, RowExposure
+from backend.bundle.rolling_shutter import corrected_rows, readout_test
+from backend.measurements import ControlPoint, FloorTracks, RowExposure
 from tests.backend.bundle.made_scenes import SEEDS, SURVEY, WRONG_LENS, errors_squared, position_rms
 from tests.backend.made_floor import CAMERA, Made, Scene, make
 
@@ -84,6 +85,36 @@ def test_a_global_shutter_is_fixed_and_leaves_the_map_as_it_is():
 def test_the_last_row_may_be_exposed_first():
     found = refined(photographs(replace(ROLLING, readout_s=-READOUT_S), 1))
     assert abs(found.readout.readout_s + READOUT_S) < 2 * found.readout.std_s
+
+
+def test_copies_of_all_observations_hardly_tell_the_time_better(made, found):
+    """Eight copies of independent residuals would tell it to 0.35 of the deviation."""
+    tracks, each = made.measurements.tracks, np.arange(8)
+    number = (tracks.track + each[:, None] * (tracks.track.max() + 1)).ravel()
+    copies = FloorTracks(
+        np.tile(tracks.keyframe, 8), number, np.tile(tracks.pixel, (8, 1)), np.tile(tracks.std_px, 8)
+    )
+    many = refined(replace(made, measurements=replace(made.measurements, tracks=copies)))
+    assert many.readout.std_s > 0.45 * found.readout.std_s
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_pictures_of_a_vehicle_that_stops_at_the_ends_of_strips_tell_no_global_shutter(seed: int):
+    """Their rows are straight, and nothing tells that it stops."""
+    made = photographs(replace(ROLLING, stops=(0, 7, 8, 15)), seed)
+    optimum = as_global(made).optimum
+    problem = replace(optimum.problem, measurements=made.measurements)
+    test = readout_test(replace(optimum, cost=replace(optimum.cost, problem=problem)))
+    assert test.motion.is_known.sum() == 12
+    assert test.readout_s > 0.93 * READOUT_S
+
+
+def test_the_rounds_end_when_the_rows_are_settled():
+    """With a free lens they take longer than the noise does."""
+    at = refined(photographs(replace(FREE_LENS, readout_s=READOUT_S), 2)).optimum
+    before = at.problem.tracks
+    changed = (corrected_rows(at.problem, at.at)[0].tracks.pixel - before.pixel) / before.std_px[:, None]
+    assert np.sqrt(np.mean(changed**2)) < 0.1
 
 
 def test_velocities_that_the_vehicle_reports_count_where_the_neighbours_tell_none():

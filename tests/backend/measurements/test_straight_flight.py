@@ -59,3 +59,9 @@ def test_at_the_ends_of_strips_the_vehicle_may_fly_on():
 
 def test_nothing_is_continued_without_a_strip():
     assert not continued_velocities(STAMPS_S, STRIP, np.full((6, 3), np.nan)).any()
+
+
+def test_a_reported_velocity_across_the_strip_is_not_continued():
+    velocity = np.full((6, 3), np.nan)
+    velocity[2] = -2.5, 6.0, 0.0
+    assert not continued_velocities(STAMPS_S, STRIP, velocity)[[1, 3]].any()
