@@ -141,3 +141,17 @@ def test_the_lead_does_not_grow_beyond_its_limit():
     assert found is not None
     assert found.other_i_H_j is not None
     assert found.lead == MOST_LEAD
+
+
+def test_the_other_motion_is_told_by_its_share_and_both_displacements():
+    i, j = matches(np.random.default_rng(3), 100, 200, shifted(-30.0, 12.0), noise_px=0.0)
+    found = floor_of(i, j, expecting(FLOOR, MOST_LEAD))
+    assert found is not None
+    other = found.other(j, SIZE)
+    assert other is not None
+    assert other.share == pytest.approx(1 / 3, abs=0.06)  # the left third of the picture
+    assert other.moved_px == pytest.approx((-30.0, 12.0), abs=0.1)
+    on_other = j[j[:, 0] < 107]
+    assert other.floor_px == pytest.approx((transfer(FLOOR, on_other) - on_other).mean(axis=0), abs=0.1)
+    middle = np.array([[160.0, 120.0]])
+    assert other.middle_px == pytest.approx((transfer(FLOOR, middle) - middle)[0], abs=0.1)
