@@ -36,8 +36,11 @@ class ExposureMotion:
     f_v: Array
     """(n, 3) velocities in the frame of the pictures, in mean heights per second."""
     is_known: NDArray[np.bool_]
-    """(n,) whether the velocity comes from the vehicle or the neighbours. Others are those that the picture
-    itself shows."""
+    """(n,) whether the velocity comes from the vehicle or the neighbours."""
+    own_motion: Array
+    """(n, 3) motion from the first row to the last of pictures of unknown velocity, in mean heights, as each
+    shows it; 0 of the others. The read-out time does not scale it: it would tell nothing of the time, and
+    would have no bound as soon as that is near 0."""
     rows: int
     """Height of a picture in pixels."""
     readout_s: float
@@ -49,8 +52,13 @@ class ExposureMotion:
 
     def per_second(self, keyframe: NDArray[np.int64], pixel: Array) -> Array:
         """Return how far (m, 3) the cameras have moved on at the rows of recorded pixels (m, 2), for each
-        second of the read-out time."""
-        return np.asarray(self.since_middle(pixel)[:, None] * self.f_v[keyframe])
+        second of the read-out time; 0 for pictures of unknown velocity."""
+        known = np.where(self.is_known[:, None], self.f_v, 0.0)
+        return np.asarray(self.since_middle(pixel)[:, None] * known[keyframe])
+
+    def over_rows(self, readout_s: float) -> Array:
+        """Return the motion (n, 3) of the cameras from the first row to the last, in mean heights."""
+        return np.where(self.is_known[:, None], readout_s * self.f_v, self.own_motion)
 
     def since_middle(self, pixel: Array) -> Array:
         """Return the time (m,) from the middle row to that of each pixel, over the read-out time."""
@@ -74,7 +82,7 @@ def moved_by_rows(motion: ExposureMotion | None, keyframe: NDArray[np.int64], pi
     """Return how far (m, 3) cameras were from their poses when the rows of pixels (m, 2) were exposed."""
     if motion is None:
         return np.zeros((len(keyframe), 3))
-    return motion.readout_s * motion.per_second(keyframe, pixel)
+    return np.asarray(motion.since_middle(pixel)[:, None] * motion.over_rows(motion.readout_s)[keyframe])
 
 
 def add_readout(pose_side: PoseSideFactors, motion: ExposureMotion) -> None:

@@ -9,7 +9,7 @@ refinement; else it is fixed at 0.
 
 Velocities are those that the vehicle reports, where the map lies on Earth. Others are those between
 neighbours on the map itself, which need no scale. At the ends of strips neither is known: as soon as there is
-a read-out time, such a picture shows its velocity itself.
+a read-out time, such a picture shows its motion itself.
 
 Source: Dickey 1971 (evidence without one of the numbers); Kass and Raftery 1995.
 """
@@ -22,15 +22,14 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
 
 from backend.bundle.exposure_motion import PRIOR_STD_S, READOUT, ExposureMotion
 from backend.bundle.factors import LOG_SCALE, SLOPE, rotation_of
-from backend.bundle.graph import WORLD, BundleProblem, Variables
+from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables
 from backend.bundle.lens_evidence import design_effect
-from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
+from backend.bundle.minimise import BundleCost, BundleOptimum
 from backend.bundle.observations import Cameras
-from backend.bundle.projections import linearise
-from backend.errors import BackendError
 from backend.measurements.straight_flight import continued_velocities, straight_velocities
 from backend.significance import VERY_STRONG_NATS
 from backend.sparse_cholesky import SingularMatrixError
@@ -40,10 +39,9 @@ Array = NDArray[np.float64]
 _DOUBT = 100.0
 """Factor on the noise of pictures of unknown motion where they must not tell the read-out time: all points of
 such a picture together then tell no more than one of another."""
-_FIRST_FITS = 3
-"""Fits of the velocities of pictures of unknown motion, before they count as the others do."""
-_ITERATIONS, _TOLERANCE = 30, 1e-3
-"""Limits of these fits: as of the rounds before the last."""
+_AT_ONCE = 8
+"""Pictures of unknown velocity of which the motion is found together. A strip ends beside the next one; more
+of them take more memory."""
 _SETTLED = 0.05
 """Change of corrected pixels over their noise, in the mean of squares, below which the rounds may end: each
 round halves what is left of the velocities that pictures show themselves."""
@@ -93,18 +91,24 @@ def with_stated_readout(problem: BundleProblem, at: Variables) -> BundleProblem:
     return _corrected(problem, at, _exposure_motion(problem, at, exposure.readout_s, is_free=False))
 
 
-def corrected_rows(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, Variables, bool]:
-    """Return problem and variables with pixels that are corrected by the read-out time and the velocities
-    found, and whether they are nearly those of before."""
-    if problem.exposure_motion is None:
+def corrected_rows(
+    problem: BundleProblem, at: Variables, noise: NoiseLevels, used: NDArray[np.bool_]
+) -> tuple[BundleProblem, Variables, bool]:
+    """Return problem and variables with pixels that are corrected by the read-out time and the motion found,
+    and whether they are nearly those of before.
+
+    The map was made with the noise and the observations that are ``used`` (m,).
+    """
+    before = problem.exposure_motion
+    if before is None:
         return problem, at, True
-    motion = problem.exposure_motion
-    readout_s = _readout_s(motion, at.values)
-    if motion.is_free:
+    motion = _exposure_motion(problem, at, _readout_s(before, at.values), before.is_free)
+    if before.is_free:
+        motion = _with_own_motion(BundleCost.of(problem, noise, used, at.values), at, motion)
         values = gtsam.Values(at.values)
         values.update(READOUT, np.zeros(1))
         at = replace(at, values=values)
-    found = _corrected(problem, at, _exposure_motion(problem, at, readout_s, motion.is_free))
+    found = _corrected(problem, at, motion)
     changed = (found.tracks.pixel - problem.tracks.pixel) / problem.tracks.std_px[:, None]
     return found, at, not len(changed) or bool(np.sqrt(np.mean(changed**2)) < _SETTLED)
 
@@ -164,16 +168,7 @@ def freed_readout(optimum: BundleOptimum, test: ReadoutTest | None) -> tuple[Bun
     """
     if test is None or test.log_evidence <= 0:
         return None
-    problem, at = _with_free_readout(
-        optimum.problem, optimum.at, replace(test.motion, readout_s=test.readout_s)
-    )
-    try:
-        for _ in range(_FIRST_FITS):
-            at = minimise_bundle(_doubting_cost(problem, optimum, at), at, _ITERATIONS, _TOLERANCE).at
-            problem, at, _ = corrected_rows(problem, at)
-    except BackendError:
-        return None
-    return problem, at
+    return _with_free_readout(optimum.problem, optimum.at, replace(test.motion, readout_s=test.readout_s))
 
 
 def _with_free_readout(
@@ -209,7 +204,7 @@ def row_motion_m(optimum: BundleOptimum) -> Array | None:
         return None
     f_T_c = Cameras.of(problem, optimum.values).f_T_c
     scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
-    moved = scale * _readout_s(motion, optimum.values) * motion.f_v
+    moved = scale * motion.over_rows(_readout_s(motion, optimum.values))
     b_R_f = problem.b_T_c(optimum.values)[:3, :3] @ np.swapaxes(f_T_c[:, :3, :3], 1, 2)
     return np.asarray(np.einsum("nab,nb->na", b_R_f, moved))
 
@@ -238,44 +233,41 @@ def _exposure_motion(
     is_known = np.asarray(np.isfinite(velocity).all(axis=1))
     before = problem.exposure_motion
     recorded_px = np.asarray(tracks.pixel, dtype=float) if before is None else before.recorded_px
-    motion = ExposureMotion(
-        f_v=continued_velocities(measured.stamps_s, place, velocity),
-        is_known=is_known,
-        rows=measured.exposure.rows,
-        readout_s=readout_s,
-        is_free=is_free,
-        recorded_px=recorded_px,
-    )
-    return motion if before is None or readout_s == 0.0 else _with_own_velocities(problem, at, motion)
+    f_v = continued_velocities(measured.stamps_s, place, velocity)
+    own = np.where(is_known[:, None], 0.0, readout_s * f_v)
+    return ExposureMotion(f_v, is_known, own, measured.exposure.rows, readout_s, is_free, recorded_px)
 
 
-def _with_own_velocities(problem: BundleProblem, at: Variables, motion: ExposureMotion) -> ExposureMotion:
-    """Return the motion with the velocities that pictures show for themselves where nothing tells them.
+def _with_own_motion(cost: BundleCost, at: Variables, motion: ExposureMotion) -> ExposureMotion:
+    """Return the motion with that which pictures of unknown velocity show for themselves.
 
-    Each is fitted with the pose of its picture to the points, about an even flight, within the speed of the
-    other pictures. At the ends of strips, some vehicles stop and others take no notice.
+    It is that of an even flight, within the speed of the other pictures, after one step of Gauss and Newton
+    that all variables follow. At the ends of strips, some vehicles stop and others take no notice.
     """
-    tracks, cameras = problem.tracks, Cameras.of(problem, at.values)
-    mine = np.flatnonzero(~motion.is_known[tracks.keyframe])
-    if not len(mine) or not motion.is_known.any():
+    assert cost.problem.exposure_motion is not None
+    speed = np.sqrt(np.mean(np.sum(motion.f_v[motion.is_known] ** 2, axis=1))) if motion.is_known.any() else 0
+    if motion.is_known.all() or speed == 0.0:
         return motion
-    keyframe, track = tracks.keyframe[mine], tracks.track[mine]
-    pixel = np.ascontiguousarray(motion.recorded_px[mine])
-    of_pose, of_point, of_lens = (np.empty((len(mine), 2, width)) for width in (6, 3, 0))
-    right = linearise(
-        cameras.f_T_c, at.point, cameras.calibration, keyframe, track, pixel, tracks.std_px[mine],
-        problem.config.huber_sigmas, of_pose, of_point, of_lens,
-    )  # fmt: skip
-    late_s = motion.readout_s * motion.since_middle(pixel)
-    columns = np.concatenate([of_pose, -late_s[:, None, None] * of_point], axis=2)
-    speed = np.sqrt(np.mean(np.sum(motion.f_v[motion.is_known] ** 2, axis=1)))
-    prior = np.diag([*(0.0,) * 6, *(speed**-2.0,) * 3]) if speed > 0 else np.eye(9)
-    velocity = motion.f_v.copy()
-    for k in np.unique(keyframe):
-        J, b = columns[keyframe == k].reshape(-1, 9), right[keyframe == k].ravel()
-        even = np.array([*(0.0,) * 6, *motion.f_v[k]])
-        velocity[k] = np.linalg.lstsq(J.T @ J + prior, J.T @ b + prior @ even, rcond=None)[0][6:]
-    return replace(motion, f_v=velocity)
+    linear = cost.linearise(at, cost.structure(at))
+    reduced, (jacobian, right) = linear.eliminate(), linear.jacobian()
+    step, seen, own = reduced.solve(*linear.gradient), cost.observations, motion.own_motion.copy()
+    right = right - jacobian @ np.concatenate(step)
+    late = -motion.since_middle(motion.recorded_px[seen.number])[:, None, None] * linear.seen.of_point
+    before, precision = cost.problem.exposure_motion.own_motion, (PRIOR_STD_S * speed) ** -2.0
+    unknown = np.flatnonzero(~motion.is_known)
+    for some in np.array_split(unknown, -(-len(unknown) // _AT_ONCE)):
+        mine = np.flatnonzero(np.isin(seen.keyframe, some))
+        columns = 3 * np.searchsorted(some, seen.keyframe[mine])[:, None] + np.arange(3)
+        rows = (2 * mine[:, None] + np.arange(2)).ravel()
+        entries = late[mine].ravel(), (np.repeat(rows, 3), np.repeat(columns, 2, axis=0).ravel())
+        by_own = csr_array(coo_array(entries, shape=(len(right), 3 * len(some))))
+        mixed = (jacobian.T @ by_own).toarray()
+        follow = np.vstack(reduced.solve(mixed[: reduced.size], mixed[reduced.size :]))
+        left = (by_own.T @ by_own).toarray() - mixed.T @ follow + precision * np.eye(len(follow.T))
+        even = (motion.own_motion - before)[some].ravel()
+        change = np.linalg.solve(left, by_own.T @ right + precision * even)
+        own[some] = before[some] + change.reshape(-1, 3)
+    return replace(motion, own_motion=own)
 
 
 def _corrected(problem: BundleProblem, at: Variables, motion: ExposureMotion) -> BundleProblem:

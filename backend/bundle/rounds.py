@@ -99,7 +99,7 @@ def solve_rounds(
             noise = replace(noise, reported=reported_noise(problem, at.values))
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
         problem, at = _reintegrated(problem, at, kept, before.reported)
-        problem, at, same_rows = corrected_rows(problem, at)
+        problem, at, same_rows = corrected_rows(problem, at, noise, used)
         settled = settled and same_rows
         if of_any_height == number + 1:
             # The same of the relief. Structure has drawn the poses along until now.
