@@ -97,6 +97,11 @@ class Structure:
         begin = int(self.elimination.begin[v])
         return slice(begin, begin + int(self.elimination.widths[v]))
 
+    def columns_of(self, keys: Sequence[int]) -> Index:
+        """Return the columns (k, d) of variables with as many numbers each."""
+        variables = np.array([self.variable[key] for key in keys])
+        return self.elimination.columns(variables).reshape(len(keys), -1)
+
     @cached_property
     def by_key(self) -> Index:
         """Place among the columns by key of each column in the order of elimination."""
@@ -313,7 +318,7 @@ class ReducedSystem:
     def joint_covariances(self, keys: Sequence[int], *common: int) -> Array:
         """Return joint covariances (n, a + d, a + d) of variables, which come first, with common ones."""
         s = self.structure
-        shared = np.concatenate([np.arange(s.elimination.size)[s.columns(key)] for key in common])
+        shared = s.elimination.columns(np.array([s.variable[key] for key in common]))
         unit = np.zeros((s.elimination.size, len(shared)))
         unit[shared] = np.eye(len(shared))
         with_common = self.factor.solve(unit)

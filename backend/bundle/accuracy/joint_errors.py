@@ -40,7 +40,7 @@ def joint_errors(optimum: BundleOptimum, covariances: Array, count: int) -> Arra
     reduced = optimum.linearise().eliminate()
     columns = reduced.structure.columns
     J = metric_jacobians(problem, values, origin(problem, values))
-    of_poses = np.array([np.arange(reduced.size)[columns(POSE(k))] for k in range(len(J))])
+    of_poses = reduced.structure.columns_of([POSE(k) for k in range(len(J))])
     factor, inverse = _square_roots(covariances)
 
     def times(whitened: Array) -> Array:
