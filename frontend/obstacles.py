@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from frontend.elevation import Elevation
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 _TOP_PERCENT = 95.0
 """Percentile of the heights of an obstacle that counts as its height: a few cells may be wrong."""
@@ -56,22 +58,40 @@ class ObstacleList:
 
     @property
     def _discs(self) -> Array:
-        """(3, n) x, y and radius of each."""
-        return np.array([(one.x_m, one.y_m, one.radius_m) for one in self.found]).reshape(-1, 3).T
+        """(n, 3) x, y and radius of each."""
+        return np.array([(one.x_m, one.y_m, one.radius_m) for one in self.found]).reshape(-1, 3)
 
     def joined(self, others: ObstacleList) -> ObstacleList:
         """Return these with further ones. Those whose discs overlap are the same, as they are here."""
         every = list(self.found)
-        (x, y, radius), (other_x, other_y, other_radius) = self._discs, others._discs
-        for k, other in enumerate(others.found):
-            same = np.hypot(x - other_x[k], y - other_y[k]) < radius + other_radius[k]
-            for number in np.flatnonzero(same):
-                names = dict.fromkeys((*every[number].measured_by, *other.measured_by))
-                every[number] = replace(every[number], measured_by=tuple(names))
-            if not same.any():
-                every.append(other)
+        same = _overlaps(self._discs, others._discs)
+        for number, k in same.tolist():
+            names = dict.fromkeys((*every[number].measured_by, *others.found[k].measured_by))
+            every[number] = replace(every[number], measured_by=tuple(names))
+        known = set(same[:, 1].tolist())
+        every += [other for k, other in enumerate(others.found) if k not in known]
         above_m = min(self.above_m, others.above_m) if others.found else self.above_m
         return ObstacleList(above_m, _largest_first(every))
+
+
+def _overlaps(discs: Array, others: Array) -> Index:
+    """Return the numbers (p, 2) of the pairs of discs (n, 3) and others (m, 3) that overlap, in order.
+
+    The middles of such a pair are within twice the larger radius, so that each disc meets those near it.
+    """
+    near_others = {(i, k) for k, near in enumerate(_near(others, discs)) for i in near}
+    near_discs = {(i, k) for i, near in enumerate(_near(discs, others)) for k in near}
+    pair = np.array(sorted(near_others | near_discs), np.int64).reshape(-1, 2)
+    here, there = discs[pair[:, 0]], others[pair[:, 1]]
+    return np.asarray(pair[np.hypot(*(here - there)[:, :2].T) < here[:, 2] + there[:, 2]])
+
+
+def _near(discs: Array, among: Array) -> Sequence[Sequence[int]]:
+    """Return the numbers of those ``among`` other discs whose middles are within two radii of each."""
+    if len(among) == 0:
+        return ()
+    found = cKDTree(among[:, :2]).query_ball_point(discs[:, :2], 2.0 * discs[:, 2])
+    return [list(each) for each in found]
 
 
 def standing_on(

@@ -30,8 +30,8 @@ from slam.mapping.context import Context, Job
 from slam.mapping.floor_visibility import without_horizon_frames
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
-from slam.mapping.obstacle_list import map_obstacles
-from slam.mapping.obstacles import Obstacles, cleared_echoes, echoes_in_map, find_obstacles, no_masks
+from slam.mapping.obstacle_list import map_elevation, map_obstacles
+from slam.mapping.obstacles import Obstacles, cleared_echoes, find_obstacles, no_masks
 from slam.mapping.stages import (
     close_loops,
     free_refuted_calibrations,
@@ -73,12 +73,10 @@ def map_flight(
         finished = _without_implausible_focal(finished, flight)
         context, refined = finished.context, finished.refined
         estimate = build_estimate(context, refined, finished.shared, finished.untested)
-        stamps_s, poses = refined.observations.stamps_s, refined.over_floor_T_b
-        echoes = echoes_in_map(flight.sonar, stamps_s, poses, refined.floor_z_m)
         estimate = replace(
             estimate,
-            elevation=echoes.map if echoes else None,
-            obstacles=map_obstacles(refined, echoes, config.masking),
+            elevation=map_elevation(refined, flight.sonar),
+            obstacles=map_obstacles(refined, flight.sonar, config.masking),
             metric=refined.metric,
             rejected=estimate.rejected | cleared_echoes(flight.sonar, context.flight.sonar),
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from backend.bundle.accuracy.refined_points import metric_points
@@ -11,9 +12,10 @@ from backend.bundle.graph import WORLD
 from backend.bundle.refinement import Bundle
 from frontend.elevation import NEAREST, Elevation, elevation_map
 from frontend.obstacles import ObstacleList, standing_on
+from slam.core.streams import Sonar
 from slam.mapping.config import MaskingConfig
 from slam.mapping.map import Map
-from slam.mapping.obstacles import RELATIVE_GAMMA, Echoes, hears_obstacles
+from slam.mapping.obstacles import RELATIVE_GAMMA, Echoes, echoes_in_map, hears_obstacles
 
 RELIEF_SIGMAS = 3.0
 """Standard deviations of the relief within which ground is no obstacle."""
@@ -23,15 +25,31 @@ _CELLS_A_DISTANCE = 2
 """Cells within the distance that a point stands for: points are no denser."""
 
 
-def map_obstacles(refined: Map, echoes: Echoes | None, config: MaskingConfig) -> ObstacleList | None:
-    """Return what stands on the ground of the largest part; None where nothing would show it."""
+def map_elevation(refined: Map, sonar: Sonar | None) -> Elevation | None:
+    """Return the ground by the echoes of all parts that are in the world of the largest; None without any."""
+    heard = _echoes(refined, sonar, refined.world == 0)
+    return None if heard is None else heard.map
+
+
+def map_obstacles(refined: Map, sonar: Sonar | None, config: MaskingConfig) -> ObstacleList | None:
+    """Return what stands on the ground of the largest part; None where nothing would show it.
+
+    Other parts may lie on the same places of a world of their own, or over a floor that is not as level.
+    """
     found = None if refined.bundle is None else obstacles_by_points(refined.bundle, refined.metric, config)
+    echoes = _echoes(refined, sonar, refined.component == 0)
     if echoes is None or not (config.pixels or config.echoes) or not hears_obstacles(echoes, config):
         return found
     heard = echoes.map
     assert heard is not None
     by_echoes = standing_on(heard, echoes.gamma_m(config), {"sonar": np.isfinite(heard.height_m)})
     return by_echoes if found is None else found.joined(by_echoes)
+
+
+def _echoes(refined: Map, sonar: Sonar | None, chosen: NDArray[np.bool_]) -> Echoes | None:
+    """Return the echoes from the ``chosen`` (n,) poses."""
+    poses = np.where(chosen[:, None, None], refined.over_floor_T_b, np.nan)
+    return echoes_in_map(sonar, refined.observations.stamps_s, poses, refined.floor_z_m)
 
 
 def obstacles_by_points(bundle: Bundle, metric: bool, config: MaskingConfig) -> ObstacleList:

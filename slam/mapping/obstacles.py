@@ -106,11 +106,17 @@ class Echoes:
 
 
 def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m: float) -> Echoes | None:
-    """The sonar's readings by poses (n, 4, 4) at ``stamps_s`` (n,) over a level floor; None without any."""
-    placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
+    """The sonar's readings by poses (n, 4, 4) at ``stamps_s`` (n,) over a level floor; None without any.
+
+    Readings between two poses have no place where one is NaN: its keyframe is of another part, or of none.
+    """
+    known = np.isfinite(w_T_b).all(axis=(1, 2))
+    placed = np.flatnonzero(known)
     if sonar is None or len(placed) < 2:
         return None
     poses = poses_between(stamps_s[placed], w_T_b[placed], sonar.stamps_s)
+    after = np.clip(np.searchsorted(stamps_s, sonar.stamps_s), 1, len(stamps_s) - 1)
+    poses[~(known[after - 1] & known[after])] = np.nan
     poses[_height_unknown(stamps_s[placed], w_T_b[placed, 2, 3] - floor_z_m, sonar.stamps_s)] = np.nan
     s_T = poses @ sonar.b_T_s
     axis, origin = -s_T[:, :3, 2], s_T[:, :3, 3]

@@ -49,3 +49,38 @@ def test_two_lists_are_one_with_each_thing_once():
         (0.0, ("pictures", "sonar")),
     ]
     assert found.found[1].height_m == 3.0
+
+
+def scattered(count: int, by: str, seed: int) -> ObstacleList:
+    """One large thing, and others that are denser where there are more."""
+    rng, side_m = np.random.default_rng(seed), 30.0
+    places, areas = rng.uniform(0, side_m, (count, 2)), rng.uniform(0.1, 1.0, count)
+    areas[0] = 100.0
+    found = [Obstacle(x, y, 1.0, area, (by,)) for (x, y), area in zip(places, areas, strict=True)]
+    return ObstacleList(0.1, tuple(found))
+
+
+def test_discs_of_any_size_are_the_same_where_they_overlap():
+    ours, theirs = scattered(60, "pictures", 0), scattered(60, "sonar", 1)
+    overlaps = [
+        [np.hypot(a.x_m - b.x_m, a.y_m - b.y_m) < a.radius_m + b.radius_m for b in theirs.found]
+        for a in ours.found
+    ]
+    by_both, of_theirs = np.any(overlaps, axis=1).sum(), np.any(overlaps, axis=0).sum()
+    found = ours.joined(theirs).found
+    assert sum(one.measured_by == ("pictures", "sonar") for one in found) == by_both > 10
+    assert len(found) == 120 - of_theirs < 110
+
+
+def test_a_list_meets_an_empty_one():
+    some, none = scattered(3, "sonar", 2), ObstacleList(0.2, ())
+    assert len(some.joined(none).found) == len(none.joined(some).found) == 3
+    assert some.joined(none).above_m == none.joined(some).above_m == 0.1
+
+
+def test_thousands_are_joined_without_comparing_each_with_each(monkeypatch):
+    """Only pairs that are near each other are measured: some ten for each thing here."""
+    compared = []
+    monkeypatch.setattr(np, "hypot", lambda a, b: compared.append(len(a)) or (a**2 + b**2) ** 0.5)
+    scattered(2000, "pictures", 3).joined(scattered(2000, "sonar", 4))
+    assert sum(compared) < 0.1 * 2000**2

@@ -67,6 +67,17 @@ def test_echoes_from_boxes_are_distinguished_from_the_floor_whatever_the_scale_o
     assert all(0.02 < (mask == 0).mean() < 0.7 for mask in shown[::5])
 
 
+def test_echoes_while_another_part_was_mapped_have_no_place():
+    """They would lie on the straight way between the poses before and after it."""
+    over = flight()
+    stamps_s, poses = some_poses(over)
+    poses[5:15] = np.nan
+    found = echoes_in_map(over.sonar, stamps_s, poses, 0.0)
+    meanwhile = (over.sonar.stamps_s > stamps_s[4]) & (over.sonar.stamps_s < stamps_s[15])
+    np.testing.assert_array_equal(found.measured[meanwhile], False)
+    assert found.measured[~meanwhile].mean() > 0.9
+
+
 def test_the_map_of_heights_is_the_truths():
     over = flight()
     echoes = echoes_in_map(over.sonar, *some_poses(over), 0.0)
