@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,7 @@ class Solution:
         """``ok``, or the reasons in one line."""
         return "; ".join(self.reasons) or "ok"
 
-    @property
+    @cached_property
     def edge_informative(self) -> NDArray[np.bool_]:
         """(m,) whether each relative pose carries information."""
         return np.array([reason != NO_INFORMATION for reason in self.edge_reason], dtype=bool)
