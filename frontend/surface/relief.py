@@ -1,9 +1,11 @@
 """Decision where the ground is not flat, from the misregistration over the floor.
 
 Relief displaces pictures along the parallax alone. Errors of poses and of the measurement displace them
-across it as well, so the components across the parallax are the null sample: the knockoffs of the components
-along it. The threshold is the least with an estimated false discovery rate of at most ``FALSE_SHARE`` (Barber
-and Candes 2015, Controlling the false discovery rate via knockoffs, equation 1.9). A flat floor exceeds none.
+across it as well, so the components across the parallax are the knockoffs of the components along it. The
+excess of a square is the size of the one less that of the other: over a flat floor it has either sign alike,
+and of a square that was matched wrongly it is small. The threshold is the least with an estimated false
+discovery rate of at most ``FALSE_SHARE`` (Barber and Candes 2015, Controlling the false discovery rate via
+knockoffs, equations 1.7 and 1.9). A flat floor exceeds none.
 
 That rule needs many squares. A house or a heap covers a few: they are found where they lie far beyond the
 largest component across.
@@ -31,17 +33,22 @@ VISIBLE_PX = 0.5
 
 
 def relief_threshold_px(measured: Misregistration) -> float:
-    """Return the least displacement along the parallax that shows relief; infinite where none does."""
-    along = np.sort(np.abs(measured.along_px[measured.found]))
-    across = np.sort(np.abs(measured.across_px[measured.found]))
+    """Return the least excess along the parallax that shows relief; infinite where none does."""
+    along = np.sort(_excess_px(measured)[measured.found])
+    across = np.sort(-along)
     tried = along[along >= VISIBLE_PX]
     false = len(across) - np.searchsorted(across, tried)
     found = len(along) - np.searchsorted(along, tried)
     kept = tried[(1 + false) <= FALSE_SHARE * found]
     if FALSE_SHARE * len(across) >= 1:
-        far_px = (1 / FALSE_SHARE - 1) ** (1 / _TAIL) * across[-1]
+        far_px = (1 / FALSE_SHARE - 1) ** (1 / _TAIL) * np.abs(measured.across_px[measured.found]).max()
         kept = np.concatenate([kept, tried[tried > far_px]])
     return float(kept.min(initial=np.inf))
+
+
+def _excess_px(measured: Misregistration) -> Array:
+    """Return (n,) the size of the component along the parallax less that of the one across it."""
+    return np.asarray(np.abs(measured.along_px) - np.abs(measured.across_px))
 
 
 def relief_squares(measured: Misregistration) -> Mask:
@@ -54,7 +61,7 @@ def relief_squares(measured: Misregistration) -> Mask:
     relief = np.zeros(measured.shape, bool)
     if np.isfinite(threshold_px):
         r, c = measured.square.T
-        relief[r, c] = ~measured.found | (np.abs(measured.along_px) >= threshold_px)
+        relief[r, c] = ~measured.found | (_excess_px(measured) >= threshold_px)
     return relief
 
 

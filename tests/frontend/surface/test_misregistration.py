@@ -86,7 +86,7 @@ def test_the_threshold_holds_its_false_discovery_rate():
     flat = [shifts(*rng.standard_t(3, (2, 400))) for _ in range(100)]
     assert np.mean([relief_squares(case).any() for case in flat]) < 0.1
     shares, missed = [], []
-    for _ in range(50):
+    for _ in range(200):
         along, across = rng.standard_t(3, (2, 400))
         along[:100] += rng.choice([-1, 1], 100) * rng.uniform(5, 20, 100)
         taken = relief_squares(shifts(along, across)).ravel()
@@ -95,6 +95,19 @@ def test_the_threshold_holds_its_false_discovery_rate():
     assert 0.005 < np.mean(shares) < 0.05
     assert np.mean(missed) < 0.3
     assert relief_threshold_px(shifts(0.1 * along, 0.01 * across)) >= 0.5  # what nobody sees does not count
+
+
+def test_squares_that_were_matched_wrongly_do_not_hide_the_relief():
+    """One in fifty is displaced by anything. Those displaced far across had left every threshold too many."""
+    rng, taken = np.random.default_rng(3), []
+    for _ in range(20):
+        along, across = 0.3 * rng.normal(size=(2, 1200))
+        along[:250] += rng.choice([-1, 1], 250) * rng.uniform(2, 20, 250)
+        along[-24:], across[-24:] = rng.uniform(-20, 20, (2, 24))
+        taken.append(relief_squares(shifts(along, across)).ravel())
+    of_relief, flat, _ = np.split(np.array(taken), [250, 1200 - 24], axis=1)
+    assert of_relief.mean() > 0.9
+    assert flat.mean() < 0.02
 
 
 @pytest.mark.parametrize("count", [20, 60, 400])
