@@ -3,7 +3,8 @@
 A point lies on the ground, or on structure that stands there: a roof, a crown of a tree, a beam. Heights of
 both kinds are normally distributed about the floor, those of structure wider. The height of a point by its
 pictures alone has the variance of its kind and that of the pictures. Spreads and share of both kinds are
-found from all heights (empirical Bayes); where the ground alone explains them, there is no structure.
+found from all heights (empirical Bayes); where the ground alone explains them, there is no structure. Nor is
+there where heights below the ground go together as those above do: these are hills and hollows.
 
 Source: Efron and Morris 1973 (empirical Bayes); Dempster, Laird and Rubin 1977 (mixtures); Celeux and Govaert
 1992 (each of the kind that is more probable); Schwarz 1978.
@@ -15,10 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import betainc
 
 from backend.bundle.free_points import FreePoints
 from backend.bundle.graph import NoiseLevels
 from backend.bundle.relief_correlation import design_effect
+from backend.significance import FALSE_ALARM
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -134,6 +137,9 @@ def find_heights(
     high, structure = none.copy(), start.structure
     if found is not None:
         high[known] = replace(found, z=z[known], variance=variance[known]).probabilities > 0.5
+    if found is not None and _rolls(place[judged], z[judged], high[judged]):
+        found, high = None, none.copy()
+    if found is not None:
         on_ground &= ~high
         relief, structure = _relief(z[on_ground], variance[on_ground], start.relief), found.structure
     effect = design_effect(place[on_ground], z[on_ground], variance[on_ground], relief)
@@ -177,6 +183,23 @@ def _with_structure(z: Array, variance: Array, relief: float, start: float, effe
         if found.log_likelihood > least:
             best, least = found, found.log_likelihood
     return best
+
+
+def _rolls(xy: Array, z: Array, far: Mask) -> bool:
+    """Return whether heights (t,) ``far`` (t,) from the ground are its hills and hollows, and no structure.
+
+    Structure stands on the ground. Points far below it are wrong, each by itself, unless they are of hollows:
+    those lie beside each other. Independent heights of hills and hollows are then as many above as below.
+    """
+    heights = []
+    for side in (far & (z > 0), far & (z < 0)):
+        share = float(np.mean(side))
+        std = np.sqrt(share * (1.0 - share))
+        effect = design_effect(xy, side - share, np.zeros(len(z)), std) if std > 0 else 1.0
+        heights.append(np.count_nonzero(side) / effect)
+    above, below = heights
+    # The probability that of as many heights with either sign alike no more are below.
+    return bool(effect > 1.0 and betainc(above, below + 1.0, 0.5) > FALSE_ALARM)
 
 
 def _plane(xy: Array, z: Array, known: Mask) -> Array:

@@ -102,10 +102,13 @@ def test_points_that_move_are_left_out(base: str):
 NOISE = start_noise(make(SONAR, 0).measurements, BundleConfig())
 
 
-def found_in(z: np.ndarray, std: float, pictures: np.ndarray | None = None) -> Heights:
-    """What heights with noise of a deviation show."""
+def found_in(
+    z: np.ndarray, std: float, pictures: np.ndarray | None = None, xy: np.ndarray | None = None
+) -> Heights:
+    """What heights with noise of a deviation show, all in one place without places (t, 2)."""
     rng, count = np.random.default_rng(1), np.full(len(z), 5) if pictures is None else pictures
-    point = np.column_stack([np.zeros((len(z), 2)), z + rng.normal(0, std, len(z))])
+    place = np.zeros((len(z), 2)) if xy is None else xy
+    point = np.column_stack([place, z + rng.normal(0, std, len(z))])
     return find_heights(FreePoints(point, np.full(len(z), std**-2), count, count), count, NOISE)
 
 
@@ -144,6 +147,39 @@ def test_crests_and_troughs_of_one_wave_are_no_structure(count: int, seed: int):
     five = np.full(count, 5)
     free = FreePoints(np.column_stack([xy, z]), np.full(count, 1e7), five, five)
     assert not find_heights(free, five, NOISE).raised.any()
+
+
+def hills(xy: np.ndarray, signs: tuple[int, ...]) -> np.ndarray:
+    """Heights (t,) of hills and hollows in a square of four on a side; the ground between them is level."""
+    rng = np.random.default_rng(6)
+    middles = rng.uniform(0.5, 3.5, (len(signs), 2))
+    apart = np.linalg.norm(xy[:, None] - middles, axis=2)
+    return np.exp(-0.5 * (apart / 0.25) ** 2) @ (0.06 * np.array(signs))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_hills_and_hollows_are_no_structure_but_hills_alone_may_be(seed: int):
+    """Most of the ground is level, so that two kinds explain the heights better than one of a wide spread."""
+    rng = np.random.default_rng(seed)
+    xy = rng.uniform(0, 4, (500, 2))
+    both, alone = (found_in(hills(xy, signs), 0.002, xy=xy) for signs in ((1, -1) * 5, (1,) * 10))
+    assert not both.raised.any()
+    assert both.relief > 0.01
+    assert both.inflation > 2
+    assert 0.2 < alone.raised.mean() < 0.6
+
+
+def test_wrong_heights_below_the_ground_leave_roofs_structure():
+    """As many single points lie below the ground as stand on the roofs."""
+    rng = np.random.default_rng(7)
+    xy = rng.uniform(0, 4, (500, 2))
+    roofs = (np.abs(xy - 1.0) < 0.3).all(axis=1) | (np.abs(xy - 3.0) < 0.3).all(axis=1)
+    wrong = rng.permutation(500)[: roofs.sum()]
+    z = np.where(roofs, 0.1, 0.0)
+    z[wrong] = -rng.uniform(0.05, 0.2, len(wrong))
+    found = found_in(z, 0.002, xy=xy)
+    assert found.raised[roofs].mean() > 0.9
+    assert found.relief < 0.005
 
 
 def test_a_height_is_that_of_the_pictures_without_the_prior_of_its_fit():
