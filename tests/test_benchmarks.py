@@ -199,13 +199,30 @@ def test_the_bound_of_the_scale_adds_noise_and_gain():
     truth = Truth(t, np.tile(np.eye(4), (len(t), 1, 1)), w_v_m_s)
     by_gravity = (offset_m_s2**2 + noise_std**2 / len(t)) / GRAVITY_M_S2**2
     expected = noise_std**2 / np.sum(np.cos(t) ** 2) + 1 / (gain_std**-2 + 1 / by_gravity)
-    found = inertial_bound.scale_bound(truth, t, noise_std, gain_std, offset_m_s2, 0.05)
-    assert found == pytest.approx(np.sqrt(expected), rel=1e-3)
+    path = inertial_bound.known_path(truth, t, noise_std, gain_std, offset_m_s2, 0.05)
+    assert path.scale_std == pytest.approx(np.sqrt(expected), rel=1e-3)
+
+
+def test_an_estimate_that_knows_the_path_scatters_by_the_bound():
+    t, noise_std = np.arange(0, 20 * np.pi, 0.01), 0.7
+    w_v_m_s = np.column_stack([np.sin(t), 0 * t, 0 * t])
+    truth, rng = Truth(t, np.tile(np.eye(4), (len(t), 1, 1)), w_v_m_s), np.random.default_rng(0)
+    path = inertial_bound.known_path(truth, t, noise_std, 0.02, 0.2, 0.05)
+    errors = [
+        path.scale_error(
+            (1 + 0.02 * rng.normal()) * path.force_m_s2
+            + rng.normal(0, 0.2, 3)
+            + rng.normal(0, noise_std, (len(t), 3))
+        )
+        for _ in range(200)
+    ]
+    # Two-sided, four standard deviations of a standard deviation of 200 draws.
+    assert np.std(errors) == pytest.approx(path.scale_std, rel=4 / np.sqrt(2 * len(errors)))
 
 
 def test_recovered_errors_are_judged_by_their_reported_deviations():
-    good = inertial_alone.Recovered(0, "ok", 0.6, 0.4, 1.0, (0.5, -1.0, 1.9), (0.1, 0.1, 0.1), (1.0,))
-    bad = inertial_alone.Recovered(1, "ok", 0.8, 0.8, 9.0, (5.0, -6.0, 7.0), (0.1, 0.1, 0.1), ())
+    good = inertial_alone.Recovered(0, "ok", 0.6, 0.2, 0.4, 1.0, (0.5, -1.0, 1.9), (0.1, 0.1, 0.1), (1.0,))
+    bad = inertial_alone.Recovered(1, "ok", 0.8, 0.4, 0.8, 9.0, (5.0, -6.0, 7.0), (0.1, 0.1, 0.1), ())
     none = inertial_alone.Recovered(2, "no map", 1.0)
     found = {m.key.split(":")[0].split(",")[0]: m for m in inertial_alone.figures([good, bad, none])}
     assert (found["lively flights of 3 with a metric scale"].value, found["error of the scale"].value) == (
@@ -216,6 +233,8 @@ def test_recovered_errors_are_judged_by_their_reported_deviations():
     assert found["delay of the pictures"].value == 100.0
     allowed = found["least median error of the scale that the noise of the accelerometer allows"]
     assert allowed.value == pytest.approx(0.6745 * 0.8, rel=1e-4)
+    ratio = found["error of the scale over that of an estimate that knows the path up to its scale"]
+    assert ratio.value == pytest.approx(2.0)
 
 
 def test_the_growth_of_a_stage_is_its_largest_exponent_between_two_sizes():

@@ -13,8 +13,11 @@ Trees 1968, Detection, Estimation, and Modulation Theory, Part I, section 2.4 (b
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from backend.measurements import GRAVITY_M_S2
@@ -57,28 +60,53 @@ def smoothing_bound_m(gap_s: float, gyro_density: float, accel_density: float) -
     return float(np.sqrt(2 * (P[2, 2] - hidden @ np.linalg.solve(seen, hidden))))
 
 
-def scale_bound(
-    truth: Truth, stamps_s: Array, noise_std_m_s2: float, gain_std: float, offset_m_s2: float, arm_m: float
-) -> float:
-    """Return the least relative standard deviation of the scale by an accelerometer.
+@dataclass(frozen=True)
+class KnownPath:
+    """Readings of an accelerometer over a path that is known up to its scale, and so are its attitudes.
 
-    It reads the specific force at ``stamps_s`` (n,) with white noise, a gain, an offset and a lever arm,
-    whose standard deviations are given. All else is known: the attitudes, and the path up to its scale.
+    Their unknowns are the scale and the errors of the instrument: gain, offset and lever arm, which have
+    prior standard deviations. The least-squares estimate of them reaches the bound.
     """
-    accel = np.gradient(truth.w_v_m_s, truth.stamps_s, axis=0)
-    accel = np.column_stack([np.interp(stamps_s, truth.stamps_s, axis) for axis in accel.T])
+
+    jacobian: Array
+    """(n, 3, 8) derivatives of the readings by scale, gain, offset (3) and lever arm (3)."""
+    force_m_s2: Array
+    """(n, 3) specific forces of the true path, without errors."""
+    information: Array
+    """(8, 8) of all unknowns, with the priors."""
+    noise_std_m_s2: float
+    """Standard deviation of the white noise of a reading."""
+
+    @property
+    def scale_std(self) -> float:
+        """Least relative standard deviation of the scale of any estimate."""
+        return float(np.sqrt(np.linalg.inv(self.information)[0, 0]))
+
+    def scale_error(self, accel_m_s2: Array) -> float:
+        """Return the relative error of the scale of the least-squares estimate from some readings (n, 3)."""
+        rest = accel_m_s2 - self.force_m_s2
+        score = np.einsum("kai,ka->i", self.jacobian, rest) / self.noise_std_m_s2**2
+        return float(np.linalg.solve(self.information, score)[0])
+
+
+def known_path(
+    truth: Truth, stamps_s: Array, noise_std_m_s2: float, gain_std: float, offset_m_s2: float, arm_m: float
+) -> KnownPath:
+    """Return the readings at ``stamps_s`` (n,) over a true path; all deviations are those of the priors."""
     turn = RotationSpline(truth.stamps_s, Rotation.from_matrix(truth.w_T_b[:, :3, :3]))
     at_s = np.clip(stamps_s, truth.stamps_s[0], truth.stamps_s[-1])
+    # Differences of the velocity would flatten the peaks of corners by some percent.
+    accel = CubicSpline(truth.stamps_s, truth.w_v_m_s)(at_s, 1)
     b_R_w = turn(at_s).as_matrix().transpose(0, 2, 1)
     b_accel = np.einsum("kab,kb->ka", b_R_w, accel)
-    weight = GRAVITY_M_S2 * b_R_w[:, :, 2]
-    by_scale_and_gain = np.stack([b_accel, b_accel + weight], axis=-1)
+    force = b_accel + GRAVITY_M_S2 * b_R_w[:, :, 2]
+    by_scale_and_gain = np.stack([b_accel, force], axis=-1)
     by_offset = np.tile(np.eye(3), (len(stamps_s), 1, 1))
     by_arm = np.stack([lever_force(turn, at_s, axis) for axis in np.eye(3)], axis=-1)
     jacobian = np.concatenate([by_scale_and_gain, by_offset, by_arm], axis=-1)
     prior = [0.0, gain_std**-2, *[offset_m_s2**-2] * 3, *[arm_m**-2] * 3]
     information = np.einsum("kai,kaj->ij", jacobian, jacobian) / noise_std_m_s2**2 + np.diag(prior)
-    return float(np.sqrt(np.linalg.inv(information)[0, 0]))
+    return KnownPath(jacobian, force, information, noise_std_m_s2)
 
 
 def lever_force(turn: RotationSpline, stamps_s: Array, arm_m: Array) -> Array:
