@@ -6,6 +6,7 @@ at the poles) or another system of the EPSG registry.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from hashlib import sha256
 from pathlib import Path
@@ -32,6 +33,8 @@ from slam.io.exports.exported_map import ExportedMap
 from slam.io.geotiff import BLOCK_PX, CACHE_MB, COG, height_tags
 from slam.io.survey_system import has_three_axes
 
+_CODES = re.compile(r"EPSG:\d+(\+\d+)?", re.IGNORECASE)
+"""The code of a system, or those of a plane and of heights."""
 UTM, NO_SYSTEM = "utm", "none"
 """Words for a system, beside ``EPSG:`` and a number: the zone of the map, and no rasters in any."""
 ELEVATION, ALTITUDE = "elevation.tif", "altitude.tif"
@@ -151,9 +154,8 @@ def named_system(name: str) -> CRS | None:
     """
     if name.lower() == UTM:
         return None
-    kind, _, number = name.partition(":")
     try:
-        found = CRS.from_epsg(int(number)) if kind.lower() == "epsg" and number.isdigit() else None
+        found = CRS.from_string(name.upper()) if _CODES.fullmatch(name) else None
     except CRSError:
         found = None
     if found is None:
@@ -166,16 +168,19 @@ def named_system(name: str) -> CRS | None:
     if plane := _plane_of_system_with_heights(found):
         raise InputError(
             f"--crs {name}: a system with heights, and those of rasters count from the map's floor; give "
-            f"EPSG: and the number of its plane ({plane})"
+            f"that of its plane ({plane}). Altitudes are written too where their vertical datum is known; to "
+            "bring these into another one, use a program with a grid of the geoid, such as gdalwarp"
         )
     return found
 
 
 def _plane_of_system_with_heights(crs: CRS) -> str:
-    """Return the name of the plane below a system of places and heights; empty for a system without them."""
+    """Return the plane below a system of places and heights; empty for a system without them."""
     system = crs.to_dict(projjson=True)
     if "components" in system:
-        return str(system["components"][0]["name"])
+        plane = system["components"][0]
+        code = plane.get("id", {}).get("code")
+        return f"EPSG:{code}, {plane['name']}" if code else str(plane["name"])
     return f"{system['name']} in two dimensions" if has_three_axes(system) else ""
 
 

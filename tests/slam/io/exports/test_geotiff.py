@@ -80,13 +80,20 @@ def test_a_system_without_places_on_a_plane_is_refused(code):
 
 
 @pytest.mark.parametrize(
-    ("code", "plane"), [(7415, "Amersfoort / RD New"), (4979, "WGS 84 in two dimensions")]
+    ("code", "plane"),
+    [
+        (7415, "Amersfoort / RD New"),
+        (4979, "WGS 84 in two dimensions"),
+        ("25832+7837", "EPSG:25832, ETRS89 / UTM zone 32N"),
+    ],
 )
 def test_a_system_with_heights_is_refused(code, plane):
-    """Heights of rasters count from the floor: no vertical datum is theirs."""
+    """Heights of rasters count from the floor: no vertical datum is theirs. PROJ takes heights over another
+    one for the same where it has no grid of the geoid, so that altitudes are not converted."""
     with pytest.raises(InputError, match="a system with heights") as refused:
         coordinate_system(f"EPSG:{code}", ORIGIN)
     assert plane in str(refused.value)
+    assert "gdalwarp" in str(refused.value)
 
 
 def test_a_projection_that_changes_lengths_is_told(folder, tmp_path):
