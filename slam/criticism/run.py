@@ -63,7 +63,8 @@ def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) 
     if not prepared.records:
         return unusable(prepared.dropped or ["no flights"], prepared.dropped)
     found = search(prepared.records, prepared.nominal, prepared.limits, progress)
-    readings = [*readings, *jumps_of_all(flights, {})]
+    judged = {record.name for record in prepared.records}
+    readings = [*readings, *jumps_of_all([flight for flight in flights if flight.name in judged], {})]
     return judge(explain(prepared, found, readings, model, progress))
 
 

@@ -64,14 +64,20 @@ class Jump(Finding):
 
     @property
     def is_shown_otherwise(self) -> bool:
-        """Whether it may be steps of the floor, which are a cause: the zero of a sonar jumps once."""
+        """Whether it may be steps of the floor, which are a cause of flights with commands: the zero of a
+        sonar jumps once."""
+        return self._may_be_floor
+
+    @property
+    def _may_be_floor(self) -> bool:
         return self.channel == "range" and self.count > 1
 
     def _text(self) -> str:
         by = INTEGRAL["attitude" if self.channel in WAYS["attitude"] else "velocity"]
         others = f"; it does so {self.count} times" if self.count > 1 else ""
         change = f"{self.size:.3g} {self.unit} at {self.time_s:.1f} s"
-        return f"{self.channel} jumps by {change}, where the {by} shows no such change{others}"
+        floor = ", as over steps of the floor" if self._may_be_floor else ""
+        return f"{self.channel} jumps by {change}, where the {by} shows no such change{others}{floor}"
 
 
 def jumps_of_all(flights: Sequence[Flight], lags: Mapping[str, Lag]) -> list[Jump]:

@@ -58,7 +58,14 @@ def silent(
 
 
 def _near_limit(range_m: Array, sonar: Sonar) -> Mask:
-    """Return which gaps after each of some ranges (n,) begin or end near a limit."""
-    most_m = sonar.max_range_m if np.isfinite(sonar.max_range_m) else float(range_m.max())
-    near = (range_m > NEAR_LIMIT * most_m) | (range_m < sonar.min_range_m / NEAR_LIMIT)
+    """Return which gaps after each of some ranges (n,) begin or end near a limit.
+
+    Where no greatest range is stated, it may be the greatest that was read, unless most readings are near
+    that, as in level flight: what is read most of the time is within reach.
+    """
+    is_stated = bool(np.isfinite(sonar.max_range_m))
+    far = range_m > NEAR_LIMIT * (sonar.max_range_m if is_stated else float(range_m.max()))
+    if not is_stated and np.mean(far) > 0.5:
+        far[:] = False
+    near = far | (range_m < sonar.min_range_m / NEAR_LIMIT)
     return np.asarray(near | np.append(near[1:], False))

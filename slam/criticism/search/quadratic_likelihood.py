@@ -16,11 +16,11 @@ from typing import Self
 import numpy as np
 
 from slam.core.arrays import Array, Ints, Mask
+from slam.core.normal_deviates import deviate, robust_deviate, robust_sigmas
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.fitted_parameters import GAIN_NUISANCES, NUISANCES, FittedParameter
 from slam.criticism.search.information import FisherInformation
-from slam.criticism.search.thresholds import deviate, robust_deviate, robust_sigmas
 
 EDGE = 0.05
 """Softness of the edge of a healthy range, as a share of its half width."""

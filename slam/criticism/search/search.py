@@ -13,6 +13,7 @@ from functools import reduce
 
 import numpy as np
 
+from slam.core.normal_deviates import deviate
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import recoloured
@@ -28,7 +29,7 @@ from slam.criticism.search.fitting import (
     with_ar1_noise,
     without_small_ar1,
 )
-from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, Thresholds, deviate, with_misfit
+from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, Thresholds, with_misfit
 from slam.simulation.terms import CATALOGUE
 
 LINEAR_Z = 25.0

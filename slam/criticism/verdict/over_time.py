@@ -19,6 +19,7 @@ from scipy.linalg import block_diag
 from backend.measurements import GRAVITY_M_S2
 from frontend.cores import in_threads
 from slam.core.arrays import Array, Ints
+from slam.core.normal_deviates import deviate
 from slam.criticism.finding import Inconsistency, Onset
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import Run
@@ -28,7 +29,7 @@ from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURB
 from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.quadratic_likelihood import RIDGE, QuadraticLikelihood
 from slam.criticism.search.search import SearchResult
-from slam.criticism.search.thresholds import deviate, with_misfit
+from slam.criticism.search.thresholds import with_misfit
 from slam.criticism.verdict.held_out import held_out
 from slam.data_quality.break_in_time import likeliest_break
 from slam.data_quality.finding import VaryingSize, flights_to_name
@@ -193,6 +194,8 @@ def commanded_onset(found: SearchResult, parameters: FilterParameters, least_z: 
         return [(float(times_s[events[0]]), by.T @ by, by.T @ white) for events, by, white in known]
 
     each = in_threads(one, range(len(found.records)))
+    if not any(each):
+        return None
     begin_s, information, score = (np.array(of) for of in zip(*chain(*each), strict=True))
     flight = np.repeat(np.arange(len(each)), [len(parts) for parts in each])
     fisher = FisherInformation(names, flight, information, score, np.zeros(len(score)))

@@ -107,7 +107,7 @@ class ComparedFlights(Evidence):
         """Return what no cause explains, residual patterns excepted."""
         return [
             *self._axes[0],
-            *(j for j in jumps_of_all(self.flights, self.sensors.lags) if not j.is_shown_otherwise),
+            *jumps_of_all(self.flights, self.sensors.lags),
             *self.readings,
             *(series.finding() for series in self._varying),
             *contradiction(self.rows),

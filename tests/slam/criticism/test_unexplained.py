@@ -10,7 +10,7 @@ import pytest
 
 from slam.criticism import criticise, run
 from slam.criticism.finding import Onset
-from slam.criticism.verdict.over_time import CERTAIN_Z
+from slam.criticism.verdict.over_time import CERTAIN_Z, commanded_onset
 from slam.criticism.without_commands.explanation import ComparedFlights
 from slam.data_quality.axes import IN_WORLD, wrong_axes
 from slam.data_quality.break_in_time import likeliest_break
@@ -20,7 +20,7 @@ from slam.data_quality.whitened_rows import WhitenedRows
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from tests.benchmarks.injected_errors import KINDS
-from tests.slam.criticism.judged_flights import SLOWER
+from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
 SHOWN = 400
 
@@ -162,6 +162,42 @@ def test_a_sonar_whose_zero_jumps_within_a_flight_with_commands_is_told():
     assert (jump.channel, jump.count) == ("range", 1)
     assert jump.size == pytest.approx(0.1, rel=0.2)
     assert jump.time_s == pytest.approx(middle_s, abs=0.2)
+
+
+@pytest.mark.slow
+def test_a_range_that_jumps_there_and_back_twice_is_told_without_commands():
+    flight = simulate_flight(SLOWER, stick_for(["three speeds forward: 0.1, 0.2, 0.4", "hover for 8 s"]), 1)
+    since_s = flight.sonar.stamps_s - flight.imu.stamps_s[0]
+    off = ((since_s > 6.0) & (since_s < 9.0)) | ((since_s > 13.0) & (since_s < 16.0))
+    moved = replace(
+        flight, command=None, sonar=replace(flight.sonar, range_m=flight.sonar.range_m + 0.1 * off)
+    )
+    found = criticise([moved], SLOWER)
+    (jump,) = (finding for finding in found.findings if isinstance(finding, Jump))
+    assert (jump.channel, jump.count) == ("range", 4)
+    assert str(jump).endswith("it does so 4 times, as over steps of the floor")
+    assert found.verdict == "unknown"
+    assert not any(isinstance(f, Jump) for f in criticise([replace(flight, command=None)], SLOWER).findings)
+
+
+def test_jumps_are_told_of_judged_flights_alone(monkeypatch):
+    flights = [SimpleNamespace(name=name) for name in ("judged", "left out")]
+    prepared = SimpleNamespace(records=[SimpleNamespace(name="judged")], nominal=None, limits=None)
+    monkeypatch.setattr(run, "without_frozen", lambda flights: (flights, []))
+    monkeypatch.setattr(run, "prepare", lambda *known: prepared)
+    monkeypatch.setattr(run, "search", lambda *known: None)
+    monkeypatch.setattr(run, "jumps_of_all", lambda flights, lags: [flight.name for flight in flights])
+    monkeypatch.setattr(run, "explain", lambda prepared, found, readings, *known: readings)
+    monkeypatch.setattr(run, "judge", lambda readings: readings)
+    assert run._with_commands(flights, None, None) == ["judged"]
+
+
+def test_flights_without_usable_readings_have_no_onset():
+    (record,) = judged([simulate_flight(SLOWER, stick_for(["hover for 8 s"]), 1)])
+    blind = replace(record, values=np.full_like(record.values, np.nan))
+    expansion = SimpleNamespace(effects=(), patterns=())
+    found = SimpleNamespace(last=expansion, chosen=(), records=(blind,))
+    assert commanded_onset(found, NOMINAL, CERTAIN_Z) is None
 
 
 def test_a_change_stands_out_more_where_rows_are_known_to_be_white():

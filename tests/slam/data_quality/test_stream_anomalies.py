@@ -184,6 +184,45 @@ def test_a_sonar_at_its_limit_may_lose_the_echo():
         assert (found is not None) == told
 
 
+@pytest.mark.parametrize(("min_range_m", "told"), [(0.9, False), (0.2, True)])
+def test_a_sonar_below_its_least_range_may_lose_the_echo(min_range_m: float, told: bool):
+    healthy = stream()
+    range_m = 2.0 - np.sin(2.0 * np.pi * healthy.stamps_s / 60.0)  # lowest at 15 s
+    gone = (healthy.stamps_s > 14.0) & (healthy.stamps_s < 22.0)
+    values = np.where(gone, np.nan, range_m)[:, None]
+    sonar = replace(healthy, name="sonar", values=values, channels=("range",))
+    stated = Sonar(healthy.stamps_s, values[:, 0], min_range_m=min_range_m, max_range_m=6.0)
+    assert (silent(sonar, 60.0, always, stated) is not None) == told
+
+
+@pytest.mark.parametrize(("climb_m", "told"), [(0.1, True), (2.0, False)])
+def test_a_sonar_without_a_stated_limit_that_ceases_in_level_flight_is_told(climb_m: float, told: bool):
+    healthy = stream()
+    t = healthy.stamps_s
+    range_m = 1.5 + climb_m * np.exp(-(((t - 30.0) / 5.0) ** 2))
+    values = np.where((t > 30.0) & (t < 38.0), np.nan, range_m)[:, None]
+    sonar = replace(healthy, name="sonar", values=values, channels=("range",))
+    found = silent(sonar, 60.0, always, Sonar(t, values[:, 0], max_range_m=np.inf))
+    assert (found is not None) == told
+
+
+def test_readings_that_are_rounded_throughout_do_not_begin_to_be():
+    """A step below the noise that would be told of whole flights is one of the rest of the flight, too."""
+    healthy = stream()
+    step = 2.0 * STD
+    values = step * np.round(healthy.values / step)
+    other = half_way(lambda x: x + 0.3 * step)(replace(healthy, values=values))
+    assert rounding(other) is None
+
+
+def test_few_readings_show_no_motion():
+    times_s = np.arange(60.0)
+    gyro = InstrumentReadings("gyro", times_s, np.ones((60, 1)), (), "rad/s", np.ones(1))
+    sonar = replace(gyro, name="sonar", values=np.full((60, 1), 2.0))
+    assert not others_move([gyro, sonar], "gyro", 40.5, 59.0)
+    assert others_move([gyro, sonar], "gyro", 30.5, 59.0)
+
+
 def test_what_rests_while_the_others_show_no_motion_is_no_failure():
     flying, resting = stream(), replace(stream(), name="gyro")
     late = resting.stamps_s > 40.0

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from slam.criticism.search.thresholds import deviate, robust_deviate, robust_sigmas
+from slam.core.normal_deviates import deviate, robust_deviate, robust_sigmas
 
 
 @pytest.mark.parametrize("free", [1.0, 7.0, 40.0])
