@@ -191,15 +191,20 @@ def _rolls(xy: Array, z: Array, far: Mask) -> bool:
     Structure stands on the ground. Points far below it are wrong, each by itself, unless they are of hollows:
     those lie beside each other. Independent heights of hills and hollows are then as many above as below.
     """
-    heights = []
-    for side in (far & (z > 0), far & (z < 0)):
-        share = float(np.mean(side))
-        std = np.sqrt(share * (1.0 - share))
-        effect = design_effect(xy, side - share, np.zeros(len(z)), std) if std > 0 else 1.0
-        heights.append(np.count_nonzero(side) / effect)
-    above, below = heights
-    # The probability that of as many heights with either sign alike no more are below.
-    return bool(effect > 1.0 and betainc(above, below + 1.0, 0.5) > FALSE_ALARM)
+    above, below = far & (z > 0), far & (z < 0)
+    effect_above, effect_below = _together(xy, above), _together(xy, below)
+    heights_above = np.count_nonzero(above) / effect_above
+    heights_below = np.count_nonzero(below) / effect_below
+    # The probability that no more of these heights are below, if each may have either sign.
+    chance = betainc(heights_above, heights_below + 1.0, 0.5)
+    return bool(effect_below > 1.0 and chance > FALSE_ALARM)
+
+
+def _together(xy: Array, chosen: Mask) -> float:
+    """Return how many of the ``chosen`` (t,) points lie beside each other, for each one that lies singly."""
+    share = float(np.mean(chosen))
+    std = float(np.sqrt(share * (1.0 - share)))
+    return design_effect(xy, chosen.astype(float) - share, np.zeros(len(chosen)), std) if std > 0 else 1.0
 
 
 def _plane(xy: Array, z: Array, known: Mask) -> Array:

@@ -110,7 +110,7 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
 
     Readings between two poses have no place where one is NaN: its keyframe is of another part, or of none.
     """
-    known = np.isfinite(w_T_b).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(w_T_b).all(axis=(1, 2)))
     placed = np.flatnonzero(known)
     if sonar is None or len(placed) < 2:
         return None
