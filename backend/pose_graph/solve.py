@@ -18,6 +18,7 @@ from backend.arguments import check_type
 from backend.errors import BackendError
 from backend.gauge import format_keys
 from backend.measurements import LinkCheck, Measurements, Rejection
+from backend.pose_graph.checks.common_errors import common_errors
 from backend.pose_graph.checks.displaced_loops import displaced_loops
 from backend.pose_graph.checks.redundancy import (
     rejected_odometry_warning,
@@ -27,8 +28,6 @@ from backend.pose_graph.checks.redundancy import (
 from backend.pose_graph.checks.rival_groups import rival_groups
 from backend.pose_graph.checks.row_mistakes import mistake_warnings, row_mistakes
 from backend.pose_graph.checks.score_test import linearised_parts
-from backend.pose_graph.checks.shared_offset import shared_offsets
-from backend.pose_graph.checks.shifted_loops import shifted_loops
 from backend.pose_graph.connected_component import SolvedComponent, is_placed_alone, solve_component
 from backend.pose_graph.descent import OnStep
 from backend.pose_graph.from_measurements import components, from_measurements
@@ -106,7 +105,7 @@ def solve_pose_graph(
         *solution.reasons,
         *unchecked_components(problem, solution),
         *(rivals or [*unsearched, *displaced_loops(problem, solution)]),
-        *(shifted_loops(parts) or shared_offsets(parts)),
+        *common_errors(parts),
     )
     return replace(
         solution,

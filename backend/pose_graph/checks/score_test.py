@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,21 +62,30 @@ class LinearisedEdges:
     def _jacobian(self) -> csc_array:
         return _jacobian(self.problem, self.w_T)
 
-    def score_test(self, change: csc_array) -> ChiSquareModel | None:
-        """Test parameters by the derivative (m d, k) of the whitened residuals by them.
+    def score_tests(self, *changes: csc_array) -> list[ChiSquareModel | None]:
+        """Test groups of parameters, each by the derivative (m d, k) of the whitened residuals by them.
 
-        None if the system is singular, overflows, or is rounded away.
+        One elimination of the poses serves all. The result is None for all if the system is singular, and for
+        a group that overflows or is rounded away.
         """
-        values = csc_array(hstack([csc_array(self.residuals.reshape(-1, 1)), change]))
+        values = csc_array(hstack([csc_array(self.residuals.reshape(-1, 1)), *changes]))
         with np.errstate(over="ignore", invalid="ignore"):  # absurd residuals have no finite square
             variance = self.noise_scale**2
             left = _after_elimination(self._jacobian, values)
-            rounding = np.finfo(float).eps * values.power(2).sum(axis=0).max() / variance
-        # Beside an edge of very high information, what is left is less than the error of rounding.
-        if left is None or not (np.isfinite(left).all() and rounding < 1):
-            return None
-        left /= variance
-        return ChiSquareModel(float(left[0, 0]), left[1:, 0], left[1:, 1:])
+            if left is None:
+                return [None] * len(changes)
+            left /= variance
+            # Beside an edge of very high information, what is left is less than the error of rounding.
+            rounding = np.finfo(float).eps * values.power(2).sum(axis=0) / variance
+        ends = np.cumsum([1, *(change.shape[1] for change in changes)])
+        groups = [np.append(0, np.arange(begin, end)) for begin, end in pairwise(ends)]
+        return [_model(left[np.ix_(group, group)]) if rounding[group].max() < 1 else None for group in groups]
+
+
+def _model(left: Array) -> ChiSquareModel | None:
+    if not np.isfinite(left).all():
+        return None
+    return ChiSquareModel(float(left[0, 0]), left[1:, 0], left[1:, 1:])
 
 
 def _after_elimination(J: csc_array, values: csc_array) -> Array | None:

@@ -8,7 +8,6 @@ those loops. The test asks whether the chi-square would fall if it were free, fo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,21 +29,22 @@ _UNCHECKED = 1e-6
 """Share of the loops' own information that other edges must leave; below it rounding errors decide."""
 
 
-def shared_offsets(parts: Sequence[LinearisedEdges]) -> list[str]:
-    """Return a sentence for each part in which a common offset of some kept loops explains residuals."""
-    sentences = []
-    for linearised in parts:
-        found, part = most_likely_offset(linearised), linearised.problem
-        if found is None or not found.is_false:
-            continue
-        ends = np.maximum(part.i, part.j)[found.loops]
-        sentences.append(
-            f"{len(found.loops)} loops that end at {part.name(ends.min())} to {part.name(ends.max())}"
-            f" disagree with the rest by one common offset of about {found.length:.2g} {part.length_unit} and"
-            f" {found.degrees:.2g} deg (chi-square {found.gain:.4g} lower with it): where a floor repeats"
-            " they may be false together, or the odometry beside them is wrong; check what those loops show"
-        )
-    return sentences
+def shared_offset(offsets: LoopOffsets, test: ChiSquareModel | None) -> list[str]:
+    """Return a sentence if a common offset of some kept loops of a part explains residuals.
+
+    ``test`` is that of the columns of ``offsets``, or None if the part cannot be tested.
+    """
+    found = None if test is None else offsets.most_likely(test)
+    if found is None or not found.is_false:
+        return []
+    part = offsets.linearised.problem
+    ends = np.maximum(part.i, part.j)[found.loops]
+    return [
+        f"{len(found.loops)} loops that end at {part.name(ends.min())} to {part.name(ends.max())}"
+        f" disagree with the rest by one common offset of about {found.length:.2g} {part.length_unit} and"
+        f" {found.degrees:.2g} deg (chi-square {found.gain:.4g} lower with it): where a floor repeats"
+        " they may be false together, or the odometry beside them is wrong; check what those loops show"
+    ]
 
 
 @dataclass(frozen=True)
@@ -74,36 +74,57 @@ class SharedOffset:
         return self.gain > self.limit and self.whitened > self.gate
 
 
-def most_likely_offset(linearised: LinearisedEdges) -> SharedOffset | None:
-    """Test every stretch of loops, in the order of their later ends; None if the part cannot be tested."""
-    problem, w_T = linearised.problem, linearised.w_T
-    d, later = problem.dof, np.maximum(problem.i, problem.j)
-    loops = np.flatnonzero(~problem.trusted)
-    loops = loops[np.argsort(later[loops], kind="stable")]
-    blocks = np.array_split(loops, min(_MOST_BLOCKS, len(loops)))
-    moved = _moved(problem, w_T, later)
-    effect = np.where((later == problem.j)[:, None, None], *reversed(by_end(problem, w_T))) @ moved
-    test = linearised.score_test(_columns(effect, blocks))
-    if test is None:
-        return None
-    begin, end = np.triu_indices(len(blocks) + 1, 1)
-    score, information = _of_stretches(test, begin, end, d)
-    own = np.concatenate([[0], np.cumsum([(effect[block] ** 2).sum() for block in blocks])])
-    gains, offsets = _gains(score, information, _UNCHECKED * (own[end] - own[begin]))
-    best = int(np.argmax(gains))
-    found = np.concatenate(blocks[begin[best] : end[best]])
-    # Covariances that are too large are not narrowed: what they allow is no contradiction.
-    stated = min(linearised.noise_scale, 1.0) ** 2
-    length, degrees = _sizes(problem, moved[found] @ offsets[best])
-    return SharedOffset(
-        loops=np.sort(found),
-        gain=stated * min(float(gains[best]), test.statistic),
-        limit=chi_square_limit(SIGNIFICANCE / len(begin), d),
-        whitened=float(((effect[found] @ offsets[best]) ** 2).sum(axis=1).mean()),
-        gate=chi_square_gate(d),
-        length=length,
-        degrees=degrees,
-    )
+@dataclass(frozen=True)
+class LoopOffsets:
+    """Offsets of blocks of loops, in the order of their later ends; a stretch is some successive blocks."""
+
+    linearised: LinearisedEdges
+    blocks: list[Index]
+    """Edges of each block."""
+    moved: Array
+    """(m, d, d) how the pose at the later end moves with an offset."""
+    effect: Array
+    """(m, d, d) derivatives of the whitened residuals by an offset."""
+
+    @staticmethod
+    def of(linearised: LinearisedEdges) -> LoopOffsets:
+        """Divide the loops of a part into blocks."""
+        problem, w_T = linearised.problem, linearised.w_T
+        later = np.maximum(problem.i, problem.j)
+        loops = np.flatnonzero(~problem.trusted)
+        loops = loops[np.argsort(later[loops], kind="stable")]
+        blocks = np.array_split(loops, min(_MOST_BLOCKS, len(loops)))
+        moved = _moved(problem, w_T, later)
+        of_later = np.where((later == problem.j)[:, None, None], *reversed(by_end(problem, w_T)))
+        return LoopOffsets(linearised, blocks, moved, of_later @ moved)
+
+    @property
+    def columns(self) -> csc_array:
+        """Derivatives (m d, blocks d) of the residuals by one offset for each block."""
+        return _columns(self.effect, self.blocks)
+
+    def most_likely(self, test: ChiSquareModel) -> SharedOffset:
+        """Return the offset of the stretch that explains most; ``test`` is that of the columns."""
+        blocks, moved, effect = self.blocks, self.moved, self.effect
+        problem, d = self.linearised.problem, self.linearised.problem.dof
+        begin, end = np.triu_indices(len(blocks) + 1, 1)
+        score, information = _of_stretches(test, begin, end, d)
+        own = np.concatenate([[0], np.cumsum([(effect[block] ** 2).sum() for block in blocks])])
+        gains, offsets = _gains(score, information, _UNCHECKED * (own[end] - own[begin]))
+        best = int(np.argmax(gains))
+        found = np.concatenate(blocks[begin[best] : end[best]])
+        # Covariances that are too large are not narrowed: what they allow is no contradiction.
+        stated = min(self.linearised.noise_scale, 1.0) ** 2
+        length, degrees = _sizes(problem, moved[found] @ offsets[best])
+        return SharedOffset(
+            loops=np.sort(found),
+            gain=stated * min(float(gains[best]), test.statistic),
+            limit=chi_square_limit(SIGNIFICANCE / len(begin), d),
+            whitened=float(((effect[found] @ offsets[best]) ** 2).sum(axis=1).mean()),
+            gate=chi_square_gate(d),
+            length=length,
+            degrees=degrees,
+        )
 
 
 def _columns(effect: Array, blocks: list[Index]) -> csc_array:

@@ -8,7 +8,6 @@ end moves. The test asks whether the chi-square would fall if the loops were shi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -32,24 +31,24 @@ _MIN_GAIN = 2 * float(np.log(len(SHIFTS) / SIGNIFICANCE))
 """Fall of the chi-square that none of the shifts reaches by chance but once in a thousand graphs."""
 
 
-def shifted_loops(parts: Sequence[LinearisedEdges]) -> list[str]:
-    """Return a sentence for each part whose kept loops agree better with other vertex numbers."""
-    sentences = []
-    for linearised in parts:
-        test, part = shift_test(linearised), linearised.problem
-        if test is None:
-            continue
-        fall = gains(test, SHIFTS)
-        best = int(np.argmax(fall))
-        if fall[best] > _MIN_GAIN:
-            first, second = SHIFTS[best]
-            sentences.append(
-                f"{format_keys(range(part.count), part.name)}: the loops agree better with the odometry if"
-                f" their first ends move by {first:+d} vertices along it and their second ends by"
-                f" {second:+d} (chi-square {test.statistic - fall[best]:.4g} instead of"
-                f" {test.statistic:.4g}); check the vertex numbers of the loops"
-            )
-    return sentences
+def shifted_loops(problem: Problem, test: ChiSquareModel | None) -> list[str]:
+    """Return a sentence if the loops of a part agree better with other vertex numbers.
+
+    ``test`` is that of `shift_columns`, or None if the part cannot be tested.
+    """
+    if test is None:
+        return []
+    fall = gains(test, SHIFTS)
+    best = int(np.argmax(fall))
+    if fall[best] <= _MIN_GAIN:
+        return []
+    first, second = SHIFTS[best]
+    return [
+        f"{format_keys(range(problem.count), problem.name)}: the loops agree better with the odometry if"
+        f" their first ends move by {first:+d} vertices along it and their second ends by"
+        f" {second:+d} (chi-square {test.statistic - fall[best]:.4g} instead of"
+        f" {test.statistic:.4g}); check the vertex numbers of the loops"
+    ]
 
 
 def gains(test: ChiSquareModel, shifts: Array) -> Array:
@@ -61,13 +60,9 @@ def gains(test: ChiSquareModel, shifts: Array) -> Array:
     return np.asarray(np.minimum(falls, test.statistic))
 
 
-def shift_test(linearised: LinearisedEdges) -> ChiSquareModel | None:
-    """Test the numbers of vertices by which the loops' first and second ends move.
-
-    None as in `LinearisedEdges.score_test`.
-    """
-    changes = [_change(linearised, end).ravel() for end in (0, 1)]
-    return linearised.score_test(csc_array(np.column_stack(changes)))
+def shift_columns(linearised: LinearisedEdges) -> csc_array:
+    """Return the derivatives (m d, 2) of the residuals by the vertices that the loops' two ends move."""
+    return csc_array(np.column_stack([_change(linearised, end).ravel() for end in (0, 1)]))
 
 
 def _change(linearised: LinearisedEdges, end: int) -> Array:

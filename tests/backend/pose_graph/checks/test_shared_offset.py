@@ -9,11 +9,16 @@ import pytest
 
 from backend import se3
 from backend.pose_graph.checks.score_test import LinearisedEdges
-from backend.pose_graph.checks.shared_offset import most_likely_offset
+from backend.pose_graph.checks.shared_offset import LoopOffsets
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.solve import solve_pose_graph
 from tests.benchmarks.generated_graphs import SHAPES, Scene, make
 from tests.benchmarks.offset_graphs import OffsetScene, error_ratio, make_offset, offset_scenes
+
+
+def most_likely_offset(linearised: LinearisedEdges):
+    offsets = LoopOffsets.of(linearised)
+    return offsets.most_likely(linearised.score_tests(offsets.columns)[0])
 
 
 def solved(graph, robust: bool = True):
