@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from scipy.stats import norm
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.streams import Truth
+from slam.core.flight import Flight
+from slam.core.streams import Imu, Sonar, Truth
 from tests.benchmarks import (
     apart,
     blind_dev,
@@ -201,6 +202,21 @@ def test_the_bound_of_the_scale_adds_noise_and_gain():
     expected = noise_std**2 / np.sum(np.cos(t) ** 2) + 1 / (gain_std**-2 + 1 / by_gravity)
     path = inertial_bound.known_path(truth, t, noise_std, gain_std, offset_m_s2, 0.05)
     assert path.scale_std == pytest.approx(np.sqrt(expected), rel=1e-3)
+
+
+def test_ranges_and_an_accelerometer_add_their_information_of_the_scale():
+    """At constant height the gain and the zero of a sonar act alike, and no range tells them apart."""
+    t, height_m, gain_std, zero_std_m, noise_std_m = np.arange(0, 20 * np.pi, 0.01), 2.0, 0.05, 0.02, 0.01
+    w_T_b = np.tile(np.eye(4), (len(t), 1, 1))
+    w_T_b[:, 2, 3] = height_m
+    w_v_m_s = np.column_stack([np.sin(t), 0 * t, 0 * t])
+    truth, blank = Truth(t, w_T_b, w_v_m_s), np.zeros((len(t), 3))
+    sonar = Sonar(t, np.full(len(t), height_m), noise_std_m, scale_std=gain_std, datum_std_m=zero_std_m)
+    flight = Flight("sways", truth=truth, imu=Imu(t, blank, blank), sonar=sonar)
+    path = inertial_bound.known_path(truth, t, Imu.accel_noise_density / np.sqrt(0.01), 0.02, 0.3, 0.0)
+    by_ranges = gain_std**2 + (zero_std_m**2 + noise_std_m**2 / len(t)) / height_m**2
+    expected = (path.scale_std**-2 + 1 / by_ranges) ** -0.5
+    assert inertial_bound.scale_bound(flight, 0.02, 0.3) == pytest.approx(expected, rel=1e-6)
 
 
 def test_an_estimate_that_knows_the_path_scatters_by_the_bound():

@@ -21,9 +21,13 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from backend.measurements import GRAVITY_M_S2
+from slam.core.flight import Flight
 from slam.core.streams import Truth
 
 Array = NDArray[np.float64]
+
+_LEAST_ARM_M = 1e-6
+"""Deviation of a lever arm that is known: of no effect, and its information is finite."""
 
 
 def gap_covariance(gap_s: float, gyro_density: float, accel_density: float) -> Array:
@@ -104,9 +108,29 @@ def known_path(
     by_offset = np.tile(np.eye(3), (len(stamps_s), 1, 1))
     by_arm = np.stack([lever_force(turn, at_s, axis) for axis in np.eye(3)], axis=-1)
     jacobian = np.concatenate([by_scale_and_gain, by_offset, by_arm], axis=-1)
-    prior = [0.0, gain_std**-2, *[offset_m_s2**-2] * 3, *[arm_m**-2] * 3]
+    prior = [0.0, gain_std**-2, *[offset_m_s2**-2] * 3, *[max(arm_m, _LEAST_ARM_M) ** -2] * 3]
     information = np.einsum("kai,kaj->ij", jacobian, jacobian) / noise_std_m_s2**2 + np.diag(prior)
     return KnownPath(jacobian, force, information, noise_std_m_s2)
+
+
+def scale_bound(flight: Flight, gain_std: float, offset_m_s2: float) -> float:
+    """Return the least relative standard deviation of the scale by accelerometer and sonar together.
+
+    Pictures and attitudes show the path exactly, up to its scale. Gain and offset of the accelerometer have
+    the given prior deviations, and gain and zero of the sonar those that it states.
+    """
+    imu, sonar, truth = flight.imu, flight.sonar, flight.truth
+    assert imu is not None
+    assert sonar is not None
+    assert truth is not None
+    noise_std_m_s2 = imu.accel_noise_density / np.sqrt(np.median(np.diff(imu.stamps_s)))
+    path = known_path(truth, imu.stamps_s, noise_std_m_s2, gain_std, offset_m_s2, 0.0)
+    height_m = np.interp(sonar.stamps_s, truth.stamps_s, truth.w_T_b[:, 2, 3])
+    by_zero = np.column_stack([height_m, np.ones_like(height_m)])
+    # Ranges do not tell scale and gain apart, so that only their sum has information.
+    ratio = np.linalg.inv(by_zero.T @ by_zero / sonar.noise_std_m**2 + np.diag([0.0, sonar.datum_std_m**-2]))
+    by_ranges = ratio[0, 0] + sonar.scale_std**2
+    return float((path.scale_std**-2 + 1 / by_ranges) ** -0.5)
 
 
 def lever_force(turn: RotationSpline, stamps_s: Array, arm_m: Array) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements.nominal_errors import ACCEL_GAIN_RATIO, ACCEL_OFFSET_M_S2
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
@@ -16,7 +17,7 @@ from slam.inertial.navigate import navigate
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import Observations
 from slam.mapping.pipeline import optimize_with_observations
-from tests.benchmarks.inertial_bound import navigation_bound_m, smoothing_bound_m
+from tests.benchmarks.inertial_bound import navigation_bound_m, scale_bound, smoothing_bound_m
 
 ALL, NO_IMU, NO_SONAR = "camera, IMU and sonar", "camera and sonar", "camera and IMU"
 CAMERA, NO_CAMERA = "camera", "IMU and sonar"
@@ -96,6 +97,20 @@ class Flown:
     seed: int
     maps: dict[str, Mapped]
     gap: Gap | None = None
+    least_mean_error: float = np.nan
+    """Least mean error of the positions of any estimate, as a share of the path, whose shape pictures show
+    exactly: the least deviation of the scale times the mean distance from the first position."""
+
+
+def least_mean_error(flight: Flight) -> float:
+    """Return the least mean error of the positions of a flight with IMU and sonar, as a share of its path."""
+    truth = flight.truth
+    assert truth is not None
+    position_m = truth.w_T_b[:, :3, 3]
+    path_m = np.linalg.norm(np.diff(position_m, axis=0), axis=1).sum()
+    away_m = np.linalg.norm(position_m - position_m[0], axis=1).mean()
+    scale_std = scale_bound(flight, ACCEL_GAIN_RATIO, ACCEL_OFFSET_M_S2)
+    return float(scale_std * away_m / path_m)
 
 
 def maps_of(
@@ -109,7 +124,8 @@ def maps_of(
         maps[name], found = _mapped(PARTS[name](flight), flight)
         if found is not None and gap_s > 0 and name == (ALL if flight.sonar is not None else NO_SONAR):
             gap = _gap(flight, *found)
-    return Flown(kind, seed, maps, gap)
+    least = np.nan if flight.sonar is None else least_mean_error(flight)
+    return Flown(kind, seed, maps, gap, least)
 
 
 _Found = tuple[Estimate, Evaluation, Observations]
