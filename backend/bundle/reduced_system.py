@@ -30,6 +30,15 @@ from backend.sparse_cholesky import Blocks, Cholesky, Elimination, analyse, fact
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+MOST_NUMBERS = 2_500_000
+"""Numbers of all right-hand sides that are solved for at a time, at most. They are 20 MB, and a solution
+needs about five times as much; 25 right-hand sides of a survey of 400 photographs are as many."""
+
+
+def columns_at_once(rows: int, most: int) -> int:
+    """Return how many right-hand sides of some rows are solved for at a time: ``most`` of a small system."""
+    return int(np.clip(MOST_NUMBERS // max(rows, 1), 1, most))
+
 
 @dataclass(frozen=True)
 class Structure:

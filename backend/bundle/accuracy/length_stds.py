@@ -92,5 +92,4 @@ def shown_places(optimum: BundleOptimum) -> ShownPlaces:
         at = np.r_[tuple(columns(key) for key in (POSE(k), WORLD, *lens))]
         gradient[at, 2 * number : 2 * number + 2] = J.T
         places[number] = seen.place_m(k)[ray]
-    by_pose, _ = reduced.solve(gradient, np.zeros((3 * len(optimum.at.point), gradient.shape[1])))
-    return ShownPlaces(keyframe, places, gradient.T @ by_pose)
+    return ShownPlaces(keyframe, places, gradient.T @ reduced.factor.solve(gradient))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from backend.bundle.factors import FLOOR_Z, LOG_SCALE, SLOPE
 from backend.bundle.graph import WORLD
 from backend.bundle.minimise import BundleOptimum
+from backend.bundle.reduced_system import columns_at_once
 from backend.bundle.world import WorldTransform
 from backend.se3 import cross_matrix
 
@@ -41,8 +42,9 @@ def metric_point_stds(optimum: BundleOptimum, seed: int = 0, draws: int = _DRAWS
     world = reduced.structure.columns(WORLD)
     of_point, of_world = point_jacobians(optimum)
     rng, squares, size = np.random.default_rng(seed), np.zeros((len(of_world), 3)), reduced.size
-    for begin in range(0, draws, _AT_A_TIME):
-        right = A.T @ rng.standard_normal((A.shape[0], min(_AT_A_TIME, draws - begin)))
+    at_once = columns_at_once(A.shape[0], _AT_A_TIME)
+    for begin in range(0, draws, at_once):
+        right = A.T @ rng.standard_normal((A.shape[0], min(at_once, draws - begin)))
         by_pose, by_point = reduced.solve(right[:size], right[size:])
         moved = of_point @ by_point.reshape(len(of_world), 3, by_point.shape[1]) + of_world @ by_pose[world]
         squares += np.sum(moved**2, axis=2)

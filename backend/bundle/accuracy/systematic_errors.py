@@ -22,6 +22,7 @@ from scipy.sparse import csc_array
 
 from backend.bundle.accuracy.systematic_terms import Kind, added_columns
 from backend.bundle.graph import WORLD, metric_jacobians, origin
+from backend.bundle.reduced_system import columns_at_once
 from backend.bundle.refinement import Bundle
 from backend.bundle.residual_spread import autocorrelated_std
 from backend.errors import BackendError
@@ -235,11 +236,14 @@ def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
         if (np.sum(rest**2, axis=0) <= _ROUNDING * np.sum(column**2, axis=0)).all():
             continue
         columns[kind] = rest
-        poses = np.array([change[optimum.structure.columns(POSE(k))] for k in range(n)])
+        poses = change[optimum.structure.columns_of([POSE(k) for k in range(n)])]
         world = change[optimum.structure.columns(WORLD)]
         moved[kind] = -to_metres @ np.concatenate([poses, np.repeat(world[None], n, axis=0)], axis=1)
     white = np.random.default_rng(0).standard_normal((len(left), _DRAWS))
-    white -= absorbed_by_fit(white)[0]
+    at_once = columns_at_once(len(left), _DRAWS)
+    for begin in range(0, _DRAWS, at_once):
+        some = white[:, begin : begin + at_once]
+        some -= absorbed_by_fit(some)[0]
     return _Scores(columns, left, white, added.keyframe), moved
 
 

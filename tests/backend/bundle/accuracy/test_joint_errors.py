@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X as POSE
 
 from backend.bundle.accuracy.joint_errors import joint_errors
-from backend.bundle.graph import (
-    WORLD,
-    BundleConfig,
-    BundleProblem,
-    metric_jacobians,
-    origin,
-    start_variables,
-)
-from backend.bundle.minimise import BundleCost, BundleOptimum
-from backend.bundle.noise import start_noise
+from backend.bundle.graph import WORLD, metric_jacobians, origin
 from backend.bundle.refinement import refine
+from tests.backend.bundle.optimum_at_truth import at_the_truth, peak_bytes
 from tests.backend.made_floor import Scene, make
 
 
@@ -85,27 +75,9 @@ def test_a_pose_without_covariance_shares_nothing():
     assert found[3].any()
 
 
-def at_the_truth(keyframes):
-    """The problem at its true poses, as if these were its optimum."""
-    made = make(Scene(points_in_view=10, keyframes=keyframes), seed=0)
-    measurements = made.measurements
-    config = BundleConfig()
-    problem = BundleProblem(
-        measurements, measurements.tracks, measurements.camera, config, self_calibrates=False
-    )
-    at, noise = start_variables(problem, made.w_T_b, 0.0), start_noise(measurements, config)
-    used = np.ones(len(measurements.tracks.track), dtype=bool)
-    cost = BundleCost.of(problem, noise, used, at.values)
-    return BundleOptimum(cost, at, cost.structure(at), noise, used)
-
-
 def test_their_memory_grows_as_the_number_of_poses_does():
-    def peak_bytes(keyframes):
+    def peak_of(keyframes):
         optimum, covariances = at_the_truth(keyframes), np.tile(1e-4 * np.eye(6), (keyframes, 1, 1))
-        tracemalloc.start()
-        joint_errors(optimum, covariances, 4)
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return peak
+        return peak_bytes(lambda: joint_errors(optimum, covariances, 4))
 
-    assert peak_bytes(240) < 6 * peak_bytes(40)
+    assert peak_of(240) < 6 * peak_of(40)

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from backend.bundle.accuracy.length_stds import length_stds, shown_places
 from backend.bundle.refinement import refine
 from slam.core.estimate import over_floor
+from tests.backend.bundle.optimum_at_truth import at_the_truth, peak_bytes
 from tests.backend.made_floor import Scene, make
 
 SCENE = Scene(keyframes=8, points_in_view=20, range_gain_std=0.05)
@@ -74,3 +75,11 @@ def test_distances_grow_along_the_table():
     table = np.array(length_stds(bundle.optimum))
     assert (np.diff(table[:, 0]) > 0).all()
     assert (np.diff(table[:, 1]) > 0).all(), "the scale makes long distances less certain"
+
+
+def test_no_floor_point_takes_memory_for_each_place():
+    optimum = at_the_truth(70)
+    linear = optimum.linearise()
+    system = peak_bytes(lambda: linear.eliminate())
+    of_points = optimum.at.point.size * 2 * 64 * 8
+    assert peak_bytes(lambda: shown_places(optimum)) < system + 3 * of_points

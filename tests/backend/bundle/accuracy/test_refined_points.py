@@ -10,6 +10,7 @@ import numpy as np
 from backend.bundle.accuracy.refined_points import metric_point_stds, metric_points
 from backend.bundle.graph import WORLD
 from backend.bundle.refinement import refine
+from tests.backend.bundle.optimum_at_truth import at_the_truth, peak_bytes
 from tests.backend.made_floor import Scene, make
 
 SCENE = Scene(keyframes=5, points_in_view=12, range_gain_std=0.05)
@@ -61,3 +62,13 @@ def test_they_grow_with_the_distance_from_the_first_keyframe_where_the_scale_is_
     along_m = np.linalg.norm(std_m[:, :2], axis=1)
     assert np.corrcoef(away_m, along_m)[0, 1] > 0.9
     assert (metric_point_stds(bundle.optimum) == std_m).all(), "the seed draws them"
+
+
+def test_memory_of_the_draws_is_bounded(monkeypatch):
+    optimum = at_the_truth(40)
+    at_once = metric_point_stds(optimum)
+    peak = peak_bytes(lambda: metric_point_stds(optimum))
+    rows = len(optimum.linearise().jacobian()[1])
+    monkeypatch.setattr("backend.bundle.reduced_system.MOST_NUMBERS", 2 * rows)
+    assert peak_bytes(lambda: metric_point_stds(optimum)) < 0.7 * peak
+    assert np.abs(np.log(metric_point_stds(optimum) / at_once)).max() < 0.3, "deviations of 200 other draws"

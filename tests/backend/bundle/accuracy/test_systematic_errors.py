@@ -10,6 +10,7 @@ from scipy.stats import binom
 
 from backend.bundle.accuracy.systematic_errors import _eliminate, systematic_errors
 from backend.bundle.accuracy.systematic_terms import LENS_KINDS, lens_displacement
+from backend.bundle.reduced_system import columns_at_once
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.sparse_cholesky import SingularMatrixError
@@ -162,3 +163,11 @@ def test_singular_equations_are_an_error_and_not_a_map_without_errors(monkeypatc
 def test_covariances_that_are_not_known_leave_nothing_to_compare() -> None:
     bundle = solved(make(replace(SONAR, radial=-0.1), 0))
     assert systematic_errors(replace(bundle, covariances=np.full_like(bundle.covariances, np.nan))) is None
+
+
+def test_draws_of_large_maps_are_solved_for_a_few_at_a_time_and_are_the_same(monkeypatch):
+    bundle = solved(make(SCENES["few pictures"], 0))
+    at_once = _eliminate(bundle)[0].white
+    monkeypatch.setattr("backend.bundle.reduced_system.MOST_NUMBERS", 3 * len(at_once))
+    assert columns_at_once(len(at_once), 16) == 3
+    np.testing.assert_allclose(_eliminate(bundle)[0].white, at_once, atol=1e-9)
