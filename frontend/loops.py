@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from frontend.camera import Camera
@@ -73,19 +75,39 @@ def overlapping(
 ) -> list[Pair]:
     """Return pairs i < j with the largest footprint overlaps of each keyframe, by the poses (n, 4, 4).
 
+    More pairs join what these leave apart although footprints overlap: pictures that are many at one place
+    have their largest overlaps among themselves.
+
     ``world`` (n,): poses of different ones have no place relative to each other. None: all are of one.
     """
+    shares = _shares(camera, w_T_b, floor_z, min_overlap, world)
+    of_each: list[list[tuple[float, int]]] = [[] for _ in w_T_b]
+    for (i, j), share in shares.items():
+        of_each[i].append((-share, j))
+        of_each[j].append((-share, i))
+    found: set[Pair] = set()
+    for k, of in enumerate(of_each):
+        found.update((min(k, other), max(k, other)) for _, other in sorted(of)[:neighbours])
+    if len(found) < len(shares):
+        found |= _joining(found, shares, len(w_T_b))
+    return sorted(found)
+
+
+def _shares(
+    camera: Camera, w_T_b: Array, floor_z: float, min_overlap: float, world: NDArray[np.int64] | None
+) -> dict[Pair, float]:
+    """Return the overlap of each pair i < j of at least ``min_overlap``, over the smaller footprint."""
     placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
     quads = {int(k): camera.footprint(w_T_b[k], floor_z) for k in placed}
     quads = {k: q.astype(np.float32) for k, q in quads.items() if np.isfinite(q).all()}
     if len(quads) < 2:
-        return []
+        return {}
     keys = np.array(list(quads))
     world = np.zeros(len(w_T_b), dtype=np.int64) if world is None else world
     centre = np.array([quads[k].mean(axis=0) for k in keys])
     size = np.array([np.linalg.norm(quads[k] - quads[k].mean(axis=0), axis=1).max() for k in keys])
     area = {k: float(cv2.contourArea(q)) for k, q in quads.items()}
-    share: dict[int, list[tuple[float, int]]] = {int(k): [] for k in keys}
+    found: dict[Pair, float] = {}
     tree = cKDTree(centre)
     for a, k in enumerate(keys.tolist()):
         # The radius reaches every overlapping footprint that is no larger; larger ones reach this one.
@@ -94,12 +116,20 @@ def overlapping(
                 i, j = sorted((k, int(keys[b])))
                 shared = cv2.intersectConvexConvex(quads[i], quads[j])[0] / max(1e-12, min(area[i], area[j]))
                 if shared >= min_overlap:
-                    share[i].append((-shared, j))
-                    share[j].append((-shared, i))
-    found: set[Pair] = set()
-    for k, of in share.items():
-        found.update((min(k, other), max(k, other)) for _, other in sorted(of)[:neighbours])
-    return sorted(found)
+                    found[i, j] = shared
+    return found
+
+
+def _joining(found: Collection[Pair], shares: Mapping[Pair, float], n: int) -> set[Pair]:
+    """Return the largest overlaps that join what the pairs ``found`` of ``n`` keyframes leave apart."""
+    i, j = np.array(list(found)).T
+    _, part = connected_components(coo_array((np.ones(len(i), np.int8), (i, j)), shape=(n, n)))
+    joining: set[Pair] = set()
+    for i, j in sorted((p for p in shares if part[p[0]] != part[p[1]]), key=lambda p: (-shares[p], p)):
+        if part[i] != part[j]:
+            part[part == part[j]] = part[i]
+            joining.add((i, j))
+    return joining
 
 
 @dataclass(frozen=True)

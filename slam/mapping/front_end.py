@@ -262,9 +262,9 @@ class FrontEnd:
 
     def close_loops(self, observations: Observations, reach: SearchRadius) -> Observations:
         """Compare keyframes that look alike, were not compared yet, and lie within reach of each other."""
-        retrieval = self.config.retrieval
-        fewer = max(3, self.config.loops.max_pairs // max(1, len(observations.store)))
-        retrieval = replace(retrieval, neighbours=min(retrieval.neighbours, fewer))
+        retrieval, loops = self.config.retrieval, self.config.loops
+        each = loops.neighbours(retrieval.neighbours, len(observations.store))
+        retrieval = replace(retrieval, neighbours=each)
         met: dict[int, list[int]] = {}
         for r in (*observations.registrations, *observations.refused):
             met.setdefault(r.i, []).append(r.j)
@@ -289,7 +289,7 @@ class FrontEnd:
     ) -> Observations:
         """Compare keyframes that the poses say overlap; ``world`` as in `frontend.loops.overlapping`."""
         loops = self.config.loops
-        neighbours = int(np.clip(2 * loops.max_pairs / max(1, len(w_T_b)), 4, 80))
+        neighbours = loops.neighbours(loops.max_neighbours, len(w_T_b))
         pairs = overlapping(self.camera, w_T_b, floor_z_m, loops.min_overlap, neighbours, world)
 
         def known(i: int, j: int) -> Array:

@@ -79,8 +79,9 @@ class _Search:
         few = [has_few(store.count(k), self.front_end.config.gates) for k in range(len(store))]
         poses = np.where(np.array(few)[:, None, None], self._poses, np.nan)
         known = {(r.i, r.j) for r in self.observations.registrations}
+        # Those of one visit are left out below, and `close_over_lines` limits how many are aligned.
         near = overlapping(
-            self.front_end.camera, poses, refined.floor_z_m, loops.min_overlap, loops.max_pairs
+            self.front_end.camera, poses, refined.floor_z_m, loops.min_overlap, neighbours=len(store)
         )
         return [
             (i, j) for i, j in near

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import networkx as nx
 import numpy as np
 import pytest
 
@@ -58,10 +59,27 @@ def test_overlapping_agrees_with_brute_force(seed: int, neighbours: int) -> None
     for k in range(30):
         assert found[k, share[k] > last[k] + 1e-4].all()
         assert found[k].sum() >= min(neighbours, (share[k] > 0.3 + 1e-4).sum())
-    # ... and a pair is there because it is among the largest of one of the two.
-    for i, j in pairs:
-        assert share[i, j] > min(last[i], last[j]) - 1e-4
+    # ... and a pair is there because it is among the largest of one of the two, or joins what these do not.
+    largest = [(i, j) for i, j in pairs if share[i, j] > min(last[i], last[j]) - 1e-4]
+    assert len(pairs) - len(largest) == parts_of(largest) - parts_of(np.argwhere(share > 0.3))
     assert len(pairs) > 20
+
+
+def parts_of(pairs) -> int:
+    """Number of connected parts of 30 keyframes."""
+    graph = nx.Graph(list(map(tuple, pairs)))
+    graph.add_nodes_from(range(30))
+    return nx.number_connected_components(graph)
+
+
+def test_overlapping_joins_two_places_of_many_pictures_each() -> None:
+    rng = np.random.default_rng(3)
+    places = [[body(far_m, 0, 0.8, *rng.normal(0, 0.01, 3)) for _ in range(9)] for far_m in (0.0, 0.4)]
+    w_T_b = np.array([*places[0], *places[1]])
+    between = [(i, j) for i, j in overlapping(CAMERA, w_T_b, 0.0, 0.3, 4) if i < 9 <= j]
+    share = all_shares(w_T_b)[:9, 9:]
+    assert 0.3 < share.max() < 0.6
+    assert [(i, j - 9) for i, j in between] == [np.unravel_index(share.argmax(), share.shape)]
 
 
 def test_overlapping_of_nearly_the_same_view_and_far_from_the_origin() -> None:

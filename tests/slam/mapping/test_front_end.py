@@ -15,11 +15,12 @@ from frontend.camera import Camera
 from frontend.features import FeatureConfig
 from frontend.loops import verify
 from frontend.registration import Registration
+from frontend.retrieval import Candidates
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.progress import silent
 from slam.core.streams import Frames
-from slam.mapping.config import PipelineConfig
+from slam.mapping.config import LoopConfig, PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.read_ahead import read_ahead
 from slam.mapping.search_radius import SearchRadius
@@ -196,6 +197,34 @@ def test_a_revisit_adds_what_the_poses_say_and_compares_no_pair_twice():
     assert len(again.refused) == len(seen.refused)
     lost = front_end.match_overlaps(observations, np.full_like(w_T_b, np.nan), 0.0)
     assert lost.registrations == observations.registrations
+
+
+def test_each_keyframe_of_a_long_flight_is_compared_with_as_many_as_in_a_short_one(monkeypatch):
+    flight, front_end, observations = watched()
+    asked = []
+    monkeypatch.setattr("slam.mapping.front_end.overlapping", lambda *inputs: asked.append(inputs[4]) or [])
+    monkeypatch.setattr(
+        "slam.mapping.front_end.propose_loops",
+        lambda store, retrieval, gate: asked.append(retrieval.neighbours) or Candidates((), ()),
+    )
+    short_of_total = replace(CONFIG, loops=LoopConfig(max_pairs=2 * len(observations.store)))
+    for config in (CONFIG, short_of_total):
+        front_end = FrontEnd(flight, flight.camera, config, silent)
+        front_end.close_loops(observations, unknown_reach(len(observations.store)))
+        for count in (1, 10, 10_000):
+            front_end.match_overlaps(observations, np.tile(np.eye(4), (count, 1, 1)), 0.0)
+    most = CONFIG.loops.max_neighbours
+    n = len(observations.store)
+    assert asked == [
+        CONFIG.retrieval.neighbours,
+        most,
+        most,
+        most,
+        4,
+        min(most, 4 * n),
+        min(most, 4 * n // 10),
+        4,
+    ]
 
 
 def test_refused_afterwards_is_refused_with_its_reason():
