@@ -62,7 +62,8 @@ class Pictures:
                     return self._cache[index]
             picture = self._read(index)
             if picture is not None:
-                self._digests[index] = _digest(picture)
+                if index not in self._digests:
+                    self._digests[index] = _digest(picture)
                 with self._caching:
                     self._keep(index, picture)
             return picture
@@ -72,7 +73,9 @@ class Pictures:
         if view.k in self.unusable:
             return None
         picture = self._load(view.k)
-        reason = _unusable_reason(picture, self._plan.camera.size_px)
+        # One with a digest was usable when it was read before.
+        known = picture is not None and index in self._digests
+        reason = "" if known else _unusable_reason(picture, self._plan.camera.size_px)
         if picture is None or reason:
             self.unusable[view.k] = reason
             return None

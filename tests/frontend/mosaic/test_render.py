@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+import frontend.mosaic.pictures as pictures_module
 from frontend.camera import Camera
 from frontend.mosaic.canvas import Tile
 from frontend.mosaic.exposure import Exposure
@@ -234,3 +235,22 @@ def test_rectangle_without_pictures_is_transparent() -> None:
     middle = Tile(0, plan.width // 2 - 20, plan.height, 40)
     done = render_tile(plan, middle, Pictures(plan, views.__getitem__), Exposure.neutral(2))
     assert not done.any()
+
+
+def test_a_picture_that_is_read_again_is_judged_and_digested_once(monkeypatch) -> None:
+    floor, poses = smooth_floor(1), survey(2)
+    plan = plan_mosaic(CAMERA, poses, FLOOR_Z_M)
+    read, counted = [], []
+    for name in ("_digest", "_unusable_reason"):
+        known = getattr(pictures_module, name)
+        monkeypatch.setattr(
+            pictures_module,
+            name,
+            lambda *inputs, known=known, name=name: counted.append(name) or known(*inputs),
+        )
+    pictures = Pictures(plan, lambda k: read.append(k) or photograph(floor, CAMERA, poses[k]), max_mb=0.001)
+    first, other, again = (pictures[index] for index in (0, 1, 0))
+    assert other is not None
+    np.testing.assert_array_equal(first, again)
+    assert len(read) == 3
+    assert sorted(counted) == ["_digest"] * 2 + ["_unusable_reason"] * 2
