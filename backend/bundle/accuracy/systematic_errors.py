@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from backend.bundle.accuracy.systematic_terms import Kind, added_columns
 from backend.bundle.graph import WORLD, metric_jacobians, origin
@@ -153,18 +152,20 @@ class _Scores:
     def test(self, kinds: Sequence[Kind], given: Sequence[Kind]) -> _Test:
         """Test kinds together, after the elimination of those that are ``given``."""
         column = np.hstack([self.columns[kind] for kind in kinds])
-        left = np.column_stack([self.left, self.white])
+        left: Sequence[Array] = [self.left, *self.white.T]
         if given:
             known = np.hstack([self.columns[kind] for kind in given])
-            both = np.hstack([column, left])
+            both = np.column_stack([column, *left])
             both -= known @ np.linalg.lstsq(known, both, rcond=None)[0]
-            column, left = both[:, : column.shape[1]], both[:, column.shape[1] :]
+            column, left = both[:, : column.shape[1]], [*both[:, column.shape[1] :].T]
         value, vector = np.linalg.eigh(column.T @ column)
         observed = value > _ROUNDING * value[-1]
         whiten = vector[:, observed] / np.sqrt(value[observed])
         count = int(self.picture.max()) + 1
-        by_picture = csc_array((np.ones(len(left)), (self.picture, np.arange(len(left)))), (count, len(left)))
-        each = np.stack([by_picture @ (left * c[:, None]) for c in (column @ whiten).T], axis=2)
+        along = column @ whiten
+        # One column after the other: all rows of all draws would be needed once more for each coefficient.
+        sums = [[np.bincount(self.picture, one * c, count) for c in along.T] for one in left]
+        each = np.array(sums).transpose(2, 0, 1)
         total = each[:, 0].sum(axis=0)
         each -= each.mean(axis=0)
         real, white = each[:, 0], each[:, 1:]

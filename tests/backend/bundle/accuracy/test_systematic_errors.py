@@ -15,6 +15,7 @@ from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.sparse_cholesky import SingularMatrixError
 from tests.backend.bundle.made_scenes import turned
+from tests.backend.bundle.optimum_at_truth import peak_bytes
 from tests.backend.made_floor import CAMERA, Made, Scene, aligned, make
 
 SONAR = Scene()
@@ -171,3 +172,9 @@ def test_draws_of_large_maps_are_solved_for_a_few_at_a_time_and_are_the_same(mon
     monkeypatch.setattr("backend.bundle.reduced_system.MOST_NUMBERS", 3 * len(at_once))
     assert columns_at_once(len(at_once), 16) == 3
     np.testing.assert_allclose(_eliminate(bundle)[0].white, at_once, atol=1e-9)
+
+
+def test_a_test_needs_less_memory_than_the_draws():
+    scores = _eliminate(solved(make(SCENES["few pictures"], 0)))[0]
+    kind = next(iter(scores.columns))
+    assert peak_bytes(lambda: scores.test([kind], ())) < scores.white.nbytes
