@@ -57,7 +57,7 @@ def solve_rounds(
     settled = False
     of_any_slope: int | None = None  # the round with a prior that any slope fits,
     of_any_height: int | None = None  # and that with one that any height of a point fits
-    of_waves = False  # whether a round has begun with the waves of the ground
+    of_waves = False  # and whether the rounds have begun anew over ground that rises and falls
     for number in range(config.rounds):
         if number == 1 and is_uncertain(camera) and len(used) and not problem.self_calibrates:
             # Only now, as the lens is less certain than the poses of a poor initial guess.
@@ -90,9 +90,6 @@ def solve_rounds(
         elif of_any_height is None and (number > 0 or not is_uncertain(camera)):
             high = noise.structure if found.raised.any() else noise.relief
             of_any_height = number + 1 if high > _FAR * before.relief else None
-        if not of_waves and (number > 0 or not is_uncertain(camera)):
-            of_waves = noise.height_prior > _FAR * before.height_prior
-            noise = _over_waves(first, noise, at) if of_waves else noise
         noise = replace(noise, slope_rad=slope_rad)
         if number == 0:
             # Once, because levels of a grid would keep the rounds from settling.
@@ -101,6 +98,10 @@ def solve_rounds(
         problem, at = _reintegrated(problem, at, kept, before.reported)
         problem, at, same_rows = corrected_rows(problem, at, noise, used)
         settled = settled and same_rows
+        if settled and not of_waves and noise.height_prior > _FAR * first.height_prior:
+            # Not before: at first, an attitude that is degrees off bends the map of flat ground too.
+            of_waves, settled = True, False
+            noise = replace(_over_waves(first, noise, at), slope_rad=slope_rad, reported=noise.reported)
         if of_any_height == number + 1:
             # The same of the relief. Structure has drawn the poses along until now.
             narrow, settled = (problem, at, noise, used), False
