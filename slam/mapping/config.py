@@ -37,6 +37,9 @@ class SensorTrust:
 
 _LEAST_NEIGHBOURS = 4
 """Those of the own line and of the lines beside it, in a survey with little overlap."""
+_PAIRS_OF_SHORT, _MOST_NEIGHBOURS = 6000, 80
+"""A flight with fewer overlaps has time for all of them: a minute at 10 ms each. One keyframe of a hover has
+so many at most."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,8 @@ class LoopConfig:
     plausible_heights: float = SAME_PLACE_HEIGHTS
     """But nothing within this many flying heights is."""
     max_neighbours: int = 33
-    """Keyframes that each one is compared with, of those that overlap by the poses, largest overlaps first.
+    """Keyframes that each one is compared with, of those that overlap by the poses, largest overlaps first. A
+    short flight compares each with more.
     So many overlap by 0.3 where 80 % of a picture are in the next one, and in that of the next line, as Pix4D
     recommends for fields: 1 / 0.2^2 = 25 pictures see each place, and (1 - |x|) (1 - |y|) > 0.3 holds for
     shifts over an area of 4 (0.7 + 0.3 ln 0.3) = 1.36 footprints, that of the picture itself included."""
@@ -65,6 +69,11 @@ class LoopConfig:
         if self.max_pairs == 0:
             return each
         return min(each, max(_LEAST_NEIGHBOURS, 2 * self.max_pairs // max(1, keyframes)))
+
+    def overlapping(self, keyframes: int) -> int:
+        """Return how many of those that overlap with it each of ``keyframes`` is compared with."""
+        in_short = min(_MOST_NEIGHBOURS, 2 * _PAIRS_OF_SHORT // max(1, keyframes))
+        return self.neighbours(max(self.max_neighbours, in_short), keyframes)
 
 
 @dataclass(frozen=True)

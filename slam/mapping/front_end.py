@@ -289,7 +289,7 @@ class FrontEnd:
     ) -> Observations:
         """Compare keyframes that the poses say overlap; ``world`` as in `frontend.loops.overlapping`."""
         loops = self.config.loops
-        neighbours = loops.neighbours(loops.max_neighbours, len(w_T_b))
+        neighbours = loops.overlapping(len(w_T_b))
         pairs = overlapping(self.camera, w_T_b, floor_z_m, loops.min_overlap, neighbours, world)
 
         def known(i: int, j: int) -> Array:

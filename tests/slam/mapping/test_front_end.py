@@ -211,20 +211,11 @@ def test_each_keyframe_of_a_long_flight_is_compared_with_as_many_as_in_a_short_o
     for config in (CONFIG, short_of_total):
         front_end = FrontEnd(flight, flight.camera, config, silent)
         front_end.close_loops(observations, unknown_reach(len(observations.store)))
-        for count in (1, 10, 10_000):
+        for count in (1, 10, 200, 10_000):
             front_end.match_overlaps(observations, np.tile(np.eye(4), (count, 1, 1)), 0.0)
-    most = CONFIG.loops.max_neighbours
-    n = len(observations.store)
-    assert asked == [
-        CONFIG.retrieval.neighbours,
-        most,
-        most,
-        most,
-        4,
-        min(most, 4 * n),
-        min(most, 4 * n // 10),
-        4,
-    ]
+    most, n = CONFIG.loops.max_neighbours, len(observations.store)
+    limited = [4, min(80, 4 * n), min(80, 4 * n // 10), 4, 4]
+    assert asked == [CONFIG.retrieval.neighbours, 80, 80, 60, most, *limited]
 
 
 def test_refused_afterwards_is_refused_with_its_reason():

@@ -181,6 +181,20 @@ def test_a_climb_that_no_keyframe_saw_is_no_obstacle():
         assert np.isfinite(echoes.height_m).mean() == pytest.approx(known, abs=0.01)
 
 
+def test_gusts_between_keyframes_are_no_obstacles():
+    """Some keyframes have equal heights, between which the vehicle has sunk or climbed."""
+    t, keyframes_s = np.arange(0, 20, 0.04), np.arange(0, 20.1, 0.7)
+
+    def height_m(at_s: np.ndarray) -> np.ndarray:
+        return 0.8 - 0.1 * np.cos(np.pi * at_s / 1.2) ** 2 * (at_s > 7)
+
+    poses = np.tile(np.eye(4), (len(keyframes_s), 1, 1))
+    poses[:, 2, 3] = height_m(keyframes_s)
+    echoes = echoes_in_map(Sonar(t, height_m(t)), keyframes_s, poses, 0.0)
+    assert not echoes.standing(MaskingConfig()).any()
+    assert np.isfinite(echoes.height_m[t < 6]).all()
+
+
 @pytest.mark.slow
 def test_masks_that_leave_no_floor_to_see_are_dropped_and_reported(monkeypatch):
     over = flight()
