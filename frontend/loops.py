@@ -75,8 +75,8 @@ def overlapping(
 ) -> list[Pair]:
     """Return pairs i < j with the largest footprint overlaps of each keyframe, by the poses (n, 4, 4).
 
-    More pairs join what these leave apart although footprints overlap: pictures that are many at one place
-    have their largest overlaps among themselves.
+    Further pairs join groups of keyframes that these leave apart although footprints overlap. Where many
+    pictures are taken at one place, their largest overlaps are all among themselves.
 
     ``world`` (n,): poses of different ones have no place relative to each other. None: all are of one.
     """

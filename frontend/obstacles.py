@@ -77,7 +77,7 @@ class ObstacleList:
 def _overlaps(discs: Array, others: Array) -> Index:
     """Return the numbers (p, 2) of the pairs of discs (n, 3) and others (m, 3) that overlap, in order.
 
-    The middles of such a pair are within twice the larger radius, so that each disc meets those near it.
+    The middles of such a pair are within twice the larger radius, so the larger one finds the other.
     """
     near_others = {(i, k) for k, near in enumerate(_near(others, discs)) for i in near}
     near_discs = {(i, k) for i, near in enumerate(_near(discs, others)) for k in near}

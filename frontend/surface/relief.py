@@ -2,10 +2,11 @@
 
 Relief displaces pictures along the parallax alone. Errors of poses and of the measurement displace them
 across it as well, so the components across the parallax are the knockoffs of the components along it. The
-excess of a square is the size of the one less that of the other: over a flat floor it has either sign alike,
-and of a square that was matched wrongly it is small. The threshold is the least with an estimated false
-discovery rate of at most ``FALSE_SHARE`` (Barber and Candes 2015, Controlling the false discovery rate via
-knockoffs, equations 1.7 and 1.9). A flat floor exceeds none.
+excess of a square is the size of its component along the parallax less the size of that across it. Over a
+flat floor, both signs of the excess are equally likely. A wrong match displaces a square both ways, so that
+its excess is seldom large. The threshold is the least with an estimated false discovery rate of at most
+``FALSE_SHARE`` (Barber and Candes 2015, Controlling the false discovery rate via knockoffs, equations 1.7 and
+1.9). On a flat floor there is none.
 
 That rule needs many squares. A house or a heap covers a few: they are found where they lie far beyond the
 largest component across.
@@ -29,18 +30,17 @@ _TAIL = 3.0
 Of two such samples, the largest value of one is more than r times that of the other with a probability of
 1 / (1 + r^3)."""
 VISIBLE_PX = 0.5
-"""Least displacement that counts: a smaller one does not change which pixel of the mosaic shows a point."""
+"""Least excess that counts: a smaller displacement changes no pixel of the mosaic."""
 
 
 def relief_threshold_px(measured: Misregistration) -> float:
     """Return the least excess along the parallax that shows relief; infinite where none does."""
-    along = np.sort(_excess_px(measured)[measured.found])
-    across = np.sort(-along)
-    tried = along[along >= VISIBLE_PX]
-    false = len(across) - np.searchsorted(across, tried)
-    found = len(along) - np.searchsorted(along, tried)
+    excess = np.sort(_excess_px(measured)[measured.found])
+    tried = excess[excess >= VISIBLE_PX]
+    false = np.searchsorted(excess, -tried, side="right")
+    found = len(excess) - np.searchsorted(excess, tried)
     kept = tried[(1 + false) <= FALSE_SHARE * found]
-    if FALSE_SHARE * len(across) >= 1:
+    if FALSE_SHARE * len(excess) >= 1:
         far_px = (1 / FALSE_SHARE - 1) ** (1 / _TAIL) * np.abs(measured.across_px[measured.found]).max()
         kept = np.concatenate([kept, tried[tried > far_px]])
     return float(kept.min(initial=np.inf))
@@ -54,8 +54,8 @@ def _excess_px(measured: Misregistration) -> Array:
 def relief_squares(measured: Misregistration) -> Mask:
     """Return (rows, cols) the squares whose ground must be measured.
 
-    These are the squares beyond the threshold. If there are any, a square where no displacement was found is
-    measured too: over high ground the two pictures may be too far apart for phase correlation.
+    These are the squares whose excess reaches the threshold. If there are any, a square where no displacement
+    was found is measured too: over high ground the two pictures may be too far apart for phase correlation.
     """
     threshold_px = relief_threshold_px(measured)
     relief = np.zeros(measured.shape, bool)

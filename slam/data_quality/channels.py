@@ -18,13 +18,13 @@ _Series = Imu | AttitudeSeries | Velocity | Sonar
 
 FEWEST = 100
 NOISY = 3.0
-"""Least ratio of noise to the stated figure, or of that to the noise, with which it is replaced, and from
-which it is reported: half an order of magnitude."""
+"""Ratio of the noise to the stated figure, half an order of magnitude, beyond which readings are judged by
+their scatter. It is reported too, and so is a noise that is smaller by this factor."""
 DOUBLED = 2.0**0.5
-"""Least ratio that is reported where an instrument states its noise and motion is slow beside its readings:
-from there on twice is nearer than once. In the blind cases of the test data, whose noise is 0.8 to 1.2 times
-the stated one, the greatest ratio of attitude, velocity and sonar is 1.31. That of the imu is 1.87, as it
-reads the jumps of the stick."""
+"""Ratio beyond which it is reported where an instrument states its noise and motion is slow beside its
+readings: from there on twice is nearer than once. In the blind cases of the test data, whose noise is 0.8 to
+1.2 times the stated one, the greatest ratio of attitude, velocity and sonar is 1.31. That of the imu is 1.87,
+as it reads the jumps of the stick."""
 SUDDEN = "gyro", "accel"
 """Instruments whose readings change suddenly as the vehicle moves."""
 

@@ -66,17 +66,13 @@ class Jump(Finding):
     def is_shown_otherwise(self) -> bool:
         """Whether it may be steps of the floor, which are a cause of flights with commands: the zero of a
         sonar jumps once."""
-        return self._may_be_floor
-
-    @property
-    def _may_be_floor(self) -> bool:
         return self.channel == "range" and self.count > 1
 
     def _text(self) -> str:
         by = INTEGRAL["attitude" if self.channel in WAYS["attitude"] else "velocity"]
         others = f"; it does so {self.count} times" if self.count > 1 else ""
         change = f"{self.size:.3g} {self.unit} at {self.time_s:.1f} s"
-        floor = ", as over steps of the floor" if self._may_be_floor else ""
+        floor = ", as over steps of the floor" if self.is_shown_otherwise else ""
         return f"{self.channel} jumps by {change}, where the {by} shows no such change{others}{floor}"
 
 

@@ -60,8 +60,8 @@ def silent(
 def _near_limit(range_m: Array, sonar: Sonar) -> Mask:
     """Return which gaps after each of some ranges (n,) begin or end near a limit.
 
-    Where no greatest range is stated, it may be the greatest that was read, unless most readings are near
-    that, as in level flight: what is read most of the time is within reach.
+    Where no greatest range is stated, the greatest reading may be the limit. It is none if most readings are
+    near it, as in level flight: what is read most of the time is within reach.
     """
     is_stated = bool(np.isfinite(sonar.max_range_m))
     far = range_m > NEAR_LIMIT * (sonar.max_range_m if is_stated else float(range_m.max()))

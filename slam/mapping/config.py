@@ -36,10 +36,10 @@ class SensorTrust:
 
 
 _LEAST_NEIGHBOURS = 4
-"""Those of the own line and of the lines beside it, in a survey with little overlap."""
+"""Those in the same line and in the lines beside it, in a survey with little overlap."""
 _PAIRS_OF_SHORT, _MOST_NEIGHBOURS = 6000, 80
-"""A flight with fewer overlaps has time for all of them: a minute at 10 ms each. One keyframe of a hover has
-so many at most."""
+"""Pairs that a short flight has time for (a minute at 10 ms each), and most neighbours of one of its
+keyframes: in a hover, each overlaps all others."""
 
 
 @dataclass(frozen=True)
@@ -57,21 +57,22 @@ class LoopConfig:
     max_neighbours: int = 33
     """Keyframes that each one is compared with, of those that overlap by the poses, largest overlaps first. A
     short flight compares each with more.
-    So many overlap by 0.3 where 80 % of a picture are in the next one, and in that of the next line, as Pix4D
-    recommends for fields: 1 / 0.2^2 = 25 pictures see each place, and (1 - |x|) (1 - |y|) > 0.3 holds for
-    shifts over an area of 4 (0.7 + 0.3 ln 0.3) = 1.36 footprints, that of the picture itself included."""
-    max_pairs: int = 0
-    """Pairs compared over the whole flight, of those that look alike, and again of those that overlap; each
-    keyframe is then compared with fewer others, but with ``_LEAST_NEIGHBOURS``. 0: no limit of their sum."""
 
-    def neighbours(self, each: int, keyframes: int) -> int:
-        """Return how many others each of ``keyframes`` is compared with, of ``each`` that are offered."""
+    So many overlap by 0.3 where a picture shares 80 % with the next one and with that of the next line, as
+    Pix4D recommends for fields. There 1 / 0.2^2 = 25 pictures see each place, and (1 - |x|) (1 - |y|) > 0.3
+    holds for shifts over an area of 4 (0.7 + 0.3 ln 0.3) = 1.36 footprints, the picture itself included."""
+    max_pairs: int = 0
+    """Pairs compared over the whole flight, of those that look alike, and again of those that overlap. Each
+    keyframe is still compared with ``_LEAST_NEIGHBOURS`` others. 0: no limit of their sum."""
+
+    def neighbours(self, wanted: int, keyframes: int) -> int:
+        """Return how many others each of ``keyframes`` is compared with: at most ``wanted``."""
         if self.max_pairs == 0:
-            return each
-        return min(each, max(_LEAST_NEIGHBOURS, 2 * self.max_pairs // max(1, keyframes)))
+            return wanted
+        return min(wanted, max(_LEAST_NEIGHBOURS, 2 * self.max_pairs // max(1, keyframes)))
 
     def overlapping(self, keyframes: int) -> int:
-        """Return how many of those that overlap with it each of ``keyframes`` is compared with."""
+        """Return how many others that overlap it each of ``keyframes`` is compared with."""
         in_short = min(_MOST_NEIGHBOURS, 2 * _PAIRS_OF_SHORT // max(1, keyframes))
         return self.neighbours(max(self.max_neighbours, in_short), keyframes)
 

@@ -26,7 +26,7 @@ _CELLS_A_DISTANCE = 2
 
 
 def map_elevation(refined: Map, sonar: Sonar | None) -> Elevation | None:
-    """Return the ground by the echoes of all parts that are in the world of the largest; None without any."""
+    """Return the ground by the echoes of all parts in the world of the largest one; None without any."""
     heard = _echoes(refined, sonar, refined.world == 0)
     return None if heard is None else heard.map
 
@@ -34,7 +34,8 @@ def map_elevation(refined: Map, sonar: Sonar | None) -> Elevation | None:
 def map_obstacles(refined: Map, sonar: Sonar | None, config: MaskingConfig) -> ObstacleList | None:
     """Return what stands on the ground of the largest part; None where nothing would show it.
 
-    Other parts may lie on the same places of a world of their own, or over a floor that is not as level.
+    Echoes of other parts do not count: a part may have a world of its own, whose places are not those of the
+    largest, or a floor that is less level.
     """
     found = None if refined.bundle is None else obstacles_by_points(refined.bundle, refined.metric, config)
     echoes = _echoes(refined, sonar, refined.component == 0)

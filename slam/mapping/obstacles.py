@@ -166,9 +166,8 @@ def _without_spikes(values: Array) -> Array:
 
 
 def _height_unknown(stamps_s: Array, height_m: Array, at_s: Array) -> NDArray[np.bool_]:
-    """(k,) which times lie in a stretch without keyframes in or beside which the vehicle has climbed or sunk.
-
-    In gusts it may do both between two keyframes of equal heights.
+    """(k,) which times lie in a stretch without keyframes, where the vehicle has climbed or sunk in that
+    stretch or in one beside it: in gusts it may do both between two keyframes of equal heights.
     """
     after = np.clip(np.searchsorted(stamps_s, at_s), 1, len(stamps_s) - 1)
     climbed = np.abs(np.diff(height_m)) > CLIMBED * np.minimum(height_m[1:], height_m[:-1])

@@ -83,4 +83,4 @@ def test_thousands_are_joined_without_comparing_each_with_each(monkeypatch):
     compared = []
     monkeypatch.setattr(np, "hypot", lambda a, b: compared.append(len(a)) or (a**2 + b**2) ** 0.5)
     scattered(2000, "pictures", 3).joined(scattered(2000, "sonar", 4))
-    assert sum(compared) < 0.1 * 2000**2
+    assert 2000 < sum(compared) < 0.1 * 2000**2

@@ -168,8 +168,8 @@ def named_system(name: str) -> CRS | None:
     if plane := _plane_of_system_with_heights(found):
         raise InputError(
             f"--crs {name}: a system with heights, and those of rasters count from the map's floor; give "
-            f"that of its plane ({plane}). Altitudes are written too where their vertical datum is known; to "
-            "bring these into another one, use a program with a grid of the geoid, such as gdalwarp"
+            f"the system of its plane ({plane}). Altitudes are written too where their vertical datum is "
+            "known; to convert them to another one, use a program with a grid of the geoid, such as gdalwarp"
         )
     return found
 

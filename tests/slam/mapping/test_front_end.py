@@ -200,7 +200,7 @@ def test_a_revisit_adds_what_the_poses_say_and_compares_no_pair_twice():
 
 
 def test_each_keyframe_of_a_long_flight_is_compared_with_as_many_as_in_a_short_one(monkeypatch):
-    flight, front_end, observations = watched()
+    flight, _, observations = watched()
     asked = []
     monkeypatch.setattr("slam.mapping.front_end.overlapping", lambda *inputs: asked.append(inputs[4]) or [])
     monkeypatch.setattr(
