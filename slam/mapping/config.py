@@ -37,9 +37,13 @@ class SensorTrust:
 
 _LEAST_NEIGHBOURS = 4
 """Those in the same line and in the lines beside it, in a survey with little overlap."""
-_PAIRS_OF_SHORT, _MOST_NEIGHBOURS = 6000, 80
-"""Pairs that a short flight has time for (a minute at 10 ms each), and most neighbours of one of its
-keyframes: in a hover, each overlaps all others."""
+_PAIRS_OF_SHORT = 6000
+"""Pairs that a short flight has time for: a minute at 10 ms each."""
+_NEIGHBOURS_OF_LONG = 33
+"""Neighbours in a longer flight. So many overlap by 0.3 where a picture shares 80 % with the next one and
+with that of the next line, as Pix4D recommends for fields. There 1 / 0.2^2 = 25 pictures see each place, and
+(1 - |x|) (1 - |y|) > 0.3 holds for shifts over an area of 4 (0.7 + 0.3 ln 0.3) = 1.36 footprints, the
+picture itself included."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +58,9 @@ class LoopConfig:
     """A loop farther than this from where the poses known so far have it is refused."""
     plausible_heights: float = SAME_PLACE_HEIGHTS
     """But nothing within this many flying heights is."""
-    max_neighbours: int = 33
-    """Keyframes that each one is compared with, of those that overlap by the poses, largest overlaps first. A
-    short flight compares each with more.
-
-    So many overlap by 0.3 where a picture shares 80 % with the next one and with that of the next line, as
-    Pix4D recommends for fields. There 1 / 0.2^2 = 25 pictures see each place, and (1 - |x|) (1 - |y|) > 0.3
-    holds for shifts over an area of 4 (0.7 + 0.3 ln 0.3) = 1.36 footprints, the picture itself included."""
+    max_neighbours: int = 80
+    """Most keyframes that each one is compared with, of those that overlap by the poses, largest overlaps
+    first. In a hover, each overlaps all others. A long flight compares each with fewer."""
     max_pairs: int = 0
     """Pairs compared over the whole flight, of those that look alike, and again of those that overlap. Each
     keyframe is still compared with ``_LEAST_NEIGHBOURS`` others. 0: no limit of their sum."""
@@ -73,8 +73,8 @@ class LoopConfig:
 
     def overlapping(self, keyframes: int) -> int:
         """Return how many others that overlap it each of ``keyframes`` is compared with."""
-        in_short = min(_MOST_NEIGHBOURS, 2 * _PAIRS_OF_SHORT // max(1, keyframes))
-        return self.neighbours(max(self.max_neighbours, in_short), keyframes)
+        wanted = max(_NEIGHBOURS_OF_LONG, 2 * _PAIRS_OF_SHORT // max(1, keyframes))
+        return self.neighbours(min(self.max_neighbours, wanted), keyframes)
 
 
 @dataclass(frozen=True)

@@ -208,14 +208,16 @@ def test_each_keyframe_of_a_long_flight_is_compared_with_as_many_as_in_a_short_o
         lambda store, retrieval, gate: asked.append(retrieval.neighbours) or Candidates((), ()),
     )
     short_of_total = replace(CONFIG, loops=LoopConfig(max_pairs=2 * len(observations.store)))
-    for config in (CONFIG, short_of_total):
+    fewer = replace(CONFIG, loops=LoopConfig(max_neighbours=20))
+    for config in (CONFIG, short_of_total, fewer):
         front_end = FrontEnd(flight, flight.camera, config, silent)
         front_end.close_loops(observations, unknown_reach(len(observations.store)))
         for count in (1, 10, 200, 10_000):
             front_end.match_overlaps(observations, np.tile(np.eye(4), (count, 1, 1)), 0.0)
-    most, n = CONFIG.loops.max_neighbours, len(observations.store)
-    limited = [4, min(80, 4 * n), min(80, 4 * n // 10), 4, 4]
-    assert asked == [CONFIG.retrieval.neighbours, 80, 80, 60, most, *limited]
+    n, each = len(observations.store), CONFIG.retrieval.neighbours
+    assert asked[:5] == [each, 80, 80, 60, 33]
+    assert asked[5:10] == [4, min(80, 4 * n), min(80, 4 * n // 10), 4, 4]
+    assert asked[10:] == [each, 20, 20, 20, 20]
 
 
 def test_refused_afterwards_is_refused_with_its_reason():
