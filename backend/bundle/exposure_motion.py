@@ -31,7 +31,7 @@ first, as in a picture that the camera has turned."""
 
 @dataclass(frozen=True)
 class ExposureMotion:
-    """Velocities of the cameras, and the read-out time by which pixels of floor points are corrected."""
+    """Motion of the cameras, and the read-out time by which pixels of floor points are corrected."""
 
     f_v: Array
     """(n, 3) velocities in the frame of the pictures, in mean heights per second."""
@@ -39,8 +39,8 @@ class ExposureMotion:
     """(n,) whether the velocity comes from the vehicle or the neighbours."""
     own_motion: Array
     """(n, 3) motion from the first row to the last of pictures of unknown velocity, in mean heights, as each
-    shows it; 0 of the others. The read-out time does not scale it: it would tell nothing of the time, and
-    would have no bound as soon as that is near 0."""
+    shows it; 0 of the others. It is no velocity times the read-out time: near a time of 0, such a velocity
+    would have no bound, and it tells nothing of the time."""
     rows: int
     """Height of a picture in pixels."""
     readout_s: float

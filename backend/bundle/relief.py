@@ -4,7 +4,8 @@ A point lies on the ground, or on structure that stands there: a roof, a crown o
 both kinds are normally distributed about the floor, those of structure wider. The height of a point by its
 pictures alone has the variance of its kind and that of the pictures. Spreads and share of both kinds are
 found from all heights (empirical Bayes); where the ground alone explains them, there is no structure. Nor is
-there where heights below the ground go together as those above do: these are hills and hollows.
+there any where points far below the ground lie beside each other, as those above do: these are hills and
+hollows.
 
 Source: Efron and Morris 1973 (empirical Bayes); Dempster, Laird and Rubin 1977 (mixtures); Celeux and Govaert
 1992 (each of the kind that is more probable); Schwarz 1978.
@@ -188,20 +189,20 @@ def _with_structure(z: Array, variance: Array, relief: float, start: float, effe
 def _rolls(xy: Array, z: Array, far: Mask) -> bool:
     """Return whether heights (t,) ``far`` (t,) from the ground are its hills and hollows, and no structure.
 
-    Structure stands on the ground. Points far below it are wrong, each by itself, unless they are of hollows:
-    those lie beside each other. Independent heights of hills and hollows are then as many above as below.
+    Structure stands on the ground. Points far below it are single mistakes, unless they lie beside each
+    other, as those of hollows do. Of hills and hollows, about as many independent heights are above as below.
     """
     above, below = far & (z > 0), far & (z < 0)
-    effect_above, effect_below = _together(xy, above), _together(xy, below)
+    effect_above, effect_below = _cluster_effect(xy, above), _cluster_effect(xy, below)
     heights_above = np.count_nonzero(above) / effect_above
     heights_below = np.count_nonzero(below) / effect_below
-    # The probability that no more of these heights are below, if each may have either sign.
+    # The probability that no more of these heights than found are below, if either sign is as probable.
     chance = betainc(heights_above, heights_below + 1.0, 0.5)
     return bool(effect_below > 1.0 and chance > FALSE_ALARM)
 
 
-def _together(xy: Array, chosen: Mask) -> float:
-    """Return how many of the ``chosen`` (t,) points lie beside each other, for each one that lies singly."""
+def _cluster_effect(xy: Array, chosen: Mask) -> float:
+    """Return the design effect of clusters: how many of the ``chosen`` (t,) points count as one."""
     share = float(np.mean(chosen))
     std = float(np.sqrt(share * (1.0 - share)))
     return design_effect(xy, chosen.astype(float) - share, np.zeros(len(chosen)), std) if std > 0 else 1.0

@@ -8,8 +8,9 @@ prior. Residuals of one picture are dependent, so the likelihood counts by its d
 refinement; else it is fixed at 0.
 
 Velocities are those that the vehicle reports, where the map lies on Earth. Others are those between
-neighbours on the map itself, which need no scale. At the ends of strips neither is known: as soon as there is
-a read-out time, such a picture shows its motion itself.
+neighbours on the map itself, which need no scale. At the ends of strips neither is known. Such a picture
+shows its motion itself where the read-out time is a variable; where it is stated, it counts as flown on
+evenly.
 
 Source: Dickey 1971 (evidence without one of the numbers); Kass and Raftery 1995.
 """
@@ -40,11 +41,11 @@ _DOUBT = 100.0
 """Factor on the noise of pictures of unknown motion where they must not tell the read-out time: all points of
 such a picture together then tell no more than one of another."""
 _AT_ONCE = 8
-"""Pictures of unknown velocity of which the motion is found together. A strip ends beside the next one; more
-of them take more memory."""
+"""Pictures of unknown velocity whose motion is found together. A strip ends beside the next one, so
+that their pictures share points; more of them would take more memory."""
 _SETTLED = 0.05
 """Change of corrected pixels over their noise, in the mean of squares, below which the rounds may end: each
-round halves what is left of the velocities that pictures show themselves."""
+round halves what is left of the motion that pictures show themselves."""
 
 
 @dataclass(frozen=True)
@@ -239,10 +240,10 @@ def _exposure_motion(
 
 
 def _with_own_motion(cost: BundleCost, at: Variables, motion: ExposureMotion) -> ExposureMotion:
-    """Return the motion with that which pictures of unknown velocity show for themselves.
+    """Return the motion, with what pictures of unknown velocity show of their own.
 
-    It is that of an even flight, within the speed of the other pictures, after one step of Gauss and Newton
-    that all variables follow. At the ends of strips, some vehicles stop and others take no notice.
+    One step of Gauss and Newton finds it, and all variables follow. Its prior is an even flight, within the
+    speed of the other pictures: at the ends of strips, some vehicles stop and others take no notice.
     """
     assert cost.problem.exposure_motion is not None
     speed = np.sqrt(np.mean(np.sum(motion.f_v[motion.is_known] ** 2, axis=1))) if motion.is_known.any() else 0

@@ -55,7 +55,7 @@ class Run:
     nees: Consistency
     """Mean NEES of the poses and its 95 % band."""
     informed_nees: Consistency
-    """The same of the estimate that knows truth and noise, by the covariances of the map."""
+    """The same of an estimate that starts at the truth and knows the noise, by the covariances of the map."""
 
 
 def measure() -> list[Metric]:

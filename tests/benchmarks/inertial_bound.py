@@ -22,12 +22,12 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Flight
-from slam.core.streams import Truth
+from slam.core.streams import Imu, Truth
 
 Array = NDArray[np.float64]
 
 _LEAST_ARM_M = 1e-6
-"""Deviation of a lever arm that is known: of no effect, and its information is finite."""
+"""Least deviation of a lever arm: it has no effect, and its information is finite."""
 
 
 def gap_covariance(gap_s: float, gyro_density: float, accel_density: float) -> Array:
@@ -68,8 +68,8 @@ def smoothing_bound_m(gap_s: float, gyro_density: float, accel_density: float) -
 class KnownPath:
     """Readings of an accelerometer over a path that is known up to its scale, and so are its attitudes.
 
-    Their unknowns are the scale and the errors of the instrument: gain, offset and lever arm, which have
-    prior standard deviations. The least-squares estimate of them reaches the bound.
+    The unknowns are the scale, and gain, offset and lever arm of the instrument, which have prior standard
+    deviations. Their least-squares estimate reaches the bound.
     """
 
     jacobian: Array
@@ -91,6 +91,11 @@ class KnownPath:
         rest = accel_m_s2 - self.force_m_s2
         score = np.einsum("kai,ka->i", self.jacobian, rest) / self.noise_std_m_s2**2
         return float(np.linalg.solve(self.information, score)[0])
+
+
+def accel_noise_std_m_s2(imu: Imu) -> float:
+    """Return the standard deviation of the white noise of one reading of an accelerometer."""
+    return float(imu.accel_noise_density / np.sqrt(np.median(np.diff(imu.stamps_s))))
 
 
 def known_path(
@@ -123,11 +128,10 @@ def scale_bound(flight: Flight, gain_std: float, offset_m_s2: float) -> float:
     assert imu is not None
     assert sonar is not None
     assert truth is not None
-    noise_std_m_s2 = imu.accel_noise_density / np.sqrt(np.median(np.diff(imu.stamps_s)))
-    path = known_path(truth, imu.stamps_s, noise_std_m_s2, gain_std, offset_m_s2, 0.0)
+    path = known_path(truth, imu.stamps_s, accel_noise_std_m_s2(imu), gain_std, offset_m_s2, 0.0)
     height_m = np.interp(sonar.stamps_s, truth.stamps_s, truth.w_T_b[:, 2, 3])
     by_zero = np.column_stack([height_m, np.ones_like(height_m)])
-    # Ranges do not tell scale and gain apart, so that only their sum has information.
+    # Ranges do not tell scale and gain apart: they show the sum of both.
     ratio = np.linalg.inv(by_zero.T @ by_zero / sonar.noise_std_m**2 + np.diag([0.0, sonar.datum_std_m**-2]))
     by_ranges = ratio[0, 0] + sonar.scale_std**2
     return float((path.scale_std**-2 + 1 / by_ranges) ** -0.5)

@@ -98,8 +98,8 @@ class Flown:
     maps: dict[str, Mapped]
     gap: Gap | None = None
     least_mean_error: float = np.nan
-    """Least mean error of the positions of any estimate, as a share of the path, whose shape pictures show
-    exactly: the least deviation of the scale times the mean distance from the first position."""
+    """Least mean error of the positions of any estimate, as a share of the path. Pictures show its shape
+    exactly, so it is the least deviation of the scale times the mean distance from the first position."""
 
 
 def least_mean_error(flight: Flight) -> float:

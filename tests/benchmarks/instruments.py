@@ -145,14 +145,11 @@ def _of_kind(kind: str, found: list[Flown]) -> list[Metric]:
         )
         metrics.append(
             at_most(
-                f"{kind}: mean error of the path",
-                percent,
-                "%",
-                0.1,
+                f"{kind}: mean error of the path", percent, "%", 0.1,
                 f"RMS {shape:.2g} % after a similarity; the scale is reported with a standard deviation of "
                 f"{100 * _rms([m.scale_std for m in maps]):.2g} %",
             )
-        )
+        )  # fmt: skip
         metrics.append(
             reported(
                 f"{kind}: least RMS of that error that accelerometer and sonar allow", least, "%",

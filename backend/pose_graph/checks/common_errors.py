@@ -10,7 +10,10 @@ from backend.pose_graph.checks.shifted_loops import shift_columns, shifted_loops
 
 
 def common_errors(parts: Sequence[LinearisedEdges]) -> list[str]:
-    """Return a sentence for each part whose loops have shifted numbers; without one, a common offset."""
+    """Return a sentence for each part whose loops have shifted vertex numbers.
+
+    Without any such part, return one for each part in which some loops have a common offset.
+    """
     shifted: list[str] = []
     offset: list[str] = []
     for part in parts:

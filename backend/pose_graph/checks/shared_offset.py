@@ -101,7 +101,14 @@ class LoopOffsets:
     @property
     def columns(self) -> csc_array:
         """Derivatives (m d, blocks d) of the residuals by one offset for each block."""
-        return _columns(self.effect, self.blocks)
+        m, d, _ = self.effect.shape
+        loops = np.concatenate(self.blocks)
+        number = np.repeat(np.arange(len(self.blocks)), [len(block) for block in self.blocks])
+        shape = (len(loops), d, d)
+        row = np.broadcast_to((loops * d)[:, None, None] + np.arange(d)[:, None], shape)
+        column = np.broadcast_to((number * d)[:, None, None] + np.arange(d), shape)
+        entries = self.effect[loops].ravel(), (row.ravel(), column.ravel())
+        return csc_array(entries, shape=(m * d, len(self.blocks) * d))
 
     def most_likely(self, test: ChiSquareModel) -> SharedOffset:
         """Return the offset of the stretch that explains most; ``test`` is that of the columns."""
@@ -125,17 +132,6 @@ class LoopOffsets:
             length=length,
             degrees=degrees,
         )
-
-
-def _columns(effect: Array, blocks: list[Index]) -> csc_array:
-    """Return the derivatives (m d, blocks d) of the residuals by one offset for each block of loops."""
-    m, d, _ = effect.shape
-    loops = np.concatenate(blocks)
-    number = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
-    shape = (len(loops), d, d)
-    row = np.broadcast_to((loops * d)[:, None, None] + np.arange(d)[:, None], shape)
-    column = np.broadcast_to((number * d)[:, None, None] + np.arange(d), shape)
-    return csc_array((effect[loops].ravel(), (row.ravel(), column.ravel())), shape=(m * d, len(blocks) * d))
 
 
 def _of_stretches(test: ChiSquareModel, begin: Index, end: Index, d: int) -> tuple[Array, Array]:

@@ -182,6 +182,17 @@ def test_wrong_heights_below_the_ground_leave_roofs_structure():
     assert found.relief < 0.005
 
 
+def test_one_pit_leaves_many_roofs_structure():
+    """Its points lie beside each other, but ground that rises and falls would be below as often as above."""
+    xy = np.random.default_rng(0).uniform(0, 4, (900, 2))
+    middles = np.stack(np.meshgrid(*[np.linspace(0.5, 3.5, 5)] * 2), axis=-1).reshape(-1, 2)
+    pit = np.linalg.norm(xy - 2.0, axis=1) < 0.45
+    roofs = (np.abs(xy[:, None] - middles).max(axis=2) < 0.14).any(axis=1) & ~pit
+    found = found_in(np.where(roofs, 0.1, np.where(pit, -0.1, 0.0)), 0.002, xy=xy)
+    assert found.raised[roofs].mean() > 0.9
+    assert found.relief < 0.005
+
+
 def test_a_height_is_that_of_the_pictures_without_the_prior_of_its_fit():
     of_pictures, information = np.array([0.3, -0.2]), np.array([0.5, 40.0])
     point = np.column_stack([np.zeros((2, 2)), of_pictures * information / (information + 1.0)])
