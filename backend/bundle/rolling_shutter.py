@@ -9,8 +9,7 @@ refinement; else it is fixed at 0.
 
 Velocities are those that the vehicle reports, where the map lies on Earth. Others are those between
 neighbours on the map itself, which need no scale. At the ends of strips neither is known. Such a picture
-shows its motion itself where the read-out time is a variable; where it is stated, it counts as flown on
-evenly.
+shows its motion itself.
 
 Source: Dickey 1971 (evidence without one of the numbers); Kass and Raftery 1995.
 """
@@ -104,8 +103,9 @@ def corrected_rows(
     if before is None:
         return problem, at, True
     motion = _exposure_motion(problem, at, _readout_s(before, at.values), before.is_free)
-    if before.is_free:
+    if not motion.is_known.all():
         motion = _with_own_motion(BundleCost.of(problem, noise, used, at.values), at, motion)
+    if before.is_free:
         values = gtsam.Values(at.values)
         values.update(READOUT, np.zeros(1))
         at = replace(at, values=values)
@@ -246,15 +246,18 @@ def _with_own_motion(cost: BundleCost, at: Variables, motion: ExposureMotion) ->
     speed of the other pictures: at the ends of strips, some vehicles stop and others take no notice.
     """
     assert cost.problem.exposure_motion is not None
-    speed = np.sqrt(np.mean(np.sum(motion.f_v[motion.is_known] ** 2, axis=1))) if motion.is_known.any() else 0
-    if motion.is_known.all() or speed == 0.0:
+    if not motion.is_known.any():
+        return motion
+    speed = np.sqrt(np.mean(np.sum(motion.f_v[motion.is_known] ** 2, axis=1)))
+    std = speed * (PRIOR_STD_S if motion.is_free else abs(motion.readout_s))
+    if std == 0.0:
         return motion
     linear = cost.linearise(at, cost.structure(at))
     reduced, (jacobian, right) = linear.eliminate(), linear.jacobian()
     step, seen, own = reduced.solve(*linear.gradient), cost.observations, motion.own_motion.copy()
     right = right - jacobian @ np.concatenate(step)
     late = -motion.since_middle(motion.recorded_px[seen.number])[:, None, None] * linear.seen.of_point
-    before, precision = cost.problem.exposure_motion.own_motion, (PRIOR_STD_S * speed) ** -2.0
+    before, precision = cost.problem.exposure_motion.own_motion, std**-2.0
     unknown = np.flatnonzero(~motion.is_known)
     for some in np.array_split(unknown, -(-len(unknown) // _AT_ONCE)):
         mine = np.flatnonzero(np.isin(seen.keyframe, some))

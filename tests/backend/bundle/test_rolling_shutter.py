@@ -109,6 +109,14 @@ def test_pictures_of_a_vehicle_that_stops_at_the_ends_of_strips_tell_no_global_s
     assert test.readout_s > 0.93 * READOUT_S
 
 
+@pytest.mark.parametrize("stated_s", [None, READOUT_S])
+def test_pictures_of_a_vehicle_that_stops_at_the_ends_of_strips_show_it(stated_s: float | None):
+    made = photographs(replace(ROLLING, stops=(0, 7, 8, 15)), 1, readout_s=stated_s)
+    found = refined(made)
+    assert found.readout.readout_s == pytest.approx(READOUT_S, rel=0.1)
+    assert position_rms(made, found.w_T_b) < 0.07, "0.09 m as if it had flown on"
+
+
 def test_the_rounds_end_when_the_rows_are_settled():
     """With a free lens they take longer than the noise does."""
     at = refined(photographs(replace(FREE_LENS, readout_s=READOUT_S), 2)).optimum
