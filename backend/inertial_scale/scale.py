@@ -53,6 +53,8 @@ _MAX_SCALE_RATIO = 10.0
 """Largest ratio of the scale to its initial guess."""
 _LEAST_RATIO = 1 / _MAX_SCALE_RATIO
 """Smallest one."""
+_LEVEL, _SLOPE = slice(0, SIZE - 2), slice(SIZE - 2, SIZE)
+"""Parameters over a level floor, and those of its slope."""
 _LEAST_HZ, _RATE_SLACK = 20.0, 1.05
 """Fewest readings a second, less what clocks and rounded stamps are off. Small vehicles turn at up to 10 Hz:
 slower readings take such turns for slower ones, and lengths are 15 % and more too short."""
@@ -76,6 +78,10 @@ class InertialScale:
     """d log(scale) / d log(gain) for the accelerometer's gain along each body axis. The rotors' thrust is
     almost constant along one axis, where a gain error acts like an offset; the scale then comes from the
     rotation of that force. They add up to 1 for a vehicle that accelerates without tilting."""
+    over_level_m_s2: tuple[float, float, float]
+    """Offset if the floor is level: how the accelerometer leans against the floor, whichever of them is off.
+    At one heading, an offset and a slope are the same."""
+    over_level_std_m_s2: tuple[float, float, float]
     sampling_std: float = 0.0
     """Relative standard deviation of the scale by motion that the readings are too slow for: a third of what
     half as many change. The mean over a step loses an error that grows with the square of the step."""
@@ -210,8 +216,10 @@ def _result(
     np.add.at(by_segment, rows.segment, score)
     inverse = np.linalg.inv(information)
     # Segments may differ by more than the white noise implies: cluster-robust covariance.
-    between = inverse @ (by_segment.T @ by_segment) @ inverse * count / (count - 1)
-    std = np.sqrt(np.maximum(np.diag(inverse), np.diag(between)))
+    among = by_segment.T @ by_segment * count / (count - 1)
+    std = _standard_deviations(inverse, among)
+    on_level = np.linalg.inv(information[_LEVEL, _LEVEL])
+    over_level = parameters[_LEVEL] + on_level @ information[_LEVEL, _SLOPE] @ parameters[_SLOPE]
     gain_effect = inverse[0] @ np.einsum(
         "rak,ra,rag->kg", rows.regressors, w, gain_sensitivity, optimize=True
     )
@@ -227,5 +235,12 @@ def _result(
         arm_m=triple(arm),
         arm_std_m=triple(std[4:7]),
         gain_slopes=triple(gain_effect / scale),
+        over_level_m_s2=triple(over_level[1:4]),
+        over_level_std_m_s2=triple(_standard_deviations(on_level, among[_LEVEL, _LEVEL])[1:4]),
         lag=lag,
     )
+
+
+def _standard_deviations(inverse: Array, among: Array) -> Array:
+    """Return those by the inverse of the information, or by the scores ``among`` segments if larger."""
+    return np.sqrt(np.maximum(np.diag(inverse), np.diag(inverse @ among @ inverse)))

@@ -18,7 +18,7 @@ from slam.mapping.metric_refinement import MetricRefinement
 
 PAIRS = ("aligned by lines",)
 PART = SimpleNamespace(members=np.arange(3), w_T_b=np.tile(np.eye(4), (3, 1, 1)), floor_z_m=0.0)
-OWN = InertialScale(1.0, 0.0, (0.0,) * 3, (0.1,) * 3, (0.0,) * 3, (0.1,) * 3, (0.0, 0.0, 1.0))
+OWN = InertialScale(1.0, 0.0, *((0.0,) * 3, (0.1,) * 3) * 2, (0.0, 0.0, 1.0), (0.0,) * 3, (0.1,) * 3)
 
 
 def setup_with(heights: tuple[object, ...], ranges: tuple[object, ...] = ()) -> Any:

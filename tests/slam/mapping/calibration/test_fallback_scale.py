@@ -43,7 +43,7 @@ def test_a_turned_sign_is_told_from_noise(sign, noise_m, falls):
     ("ratio", "map_std", "contradicts"), [(0.5, 0.04, True), (0.5, 0.3, False), (1.05, 1e-3, False)]
 )
 def test_a_velocity_off_by_more_than_both_errors_is_contradicted(ratio, map_std, contradicts):
-    own = InertialScale(ratio, 0.0, (0.0,) * 3, (0.1,) * 3, (0.0,) * 3, (0.1,) * 3, (0.0, 0.0, 1.0))
+    own = InertialScale(ratio, 0.0, *((0.0,) * 3, (0.1,) * 3) * 2, (0.0, 0.0, 1.0), (0.0,) * 3, (0.1,) * 3)
     found = velocity_contradicted(AccelerometerScale(own, ScalePrior(ratio, 0.03), map_std))
     # The deviation of the ratio is that of both.
     assert str(found).startswith(f"velocity0 reads {1 / ratio:.2f} (± 5 %) times the speed") is contradicts

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backend.measurements import GRAVITY_M_S2
 from slam import optimize
 from slam.mapping.calibration.instrument_errors import attitude_errors
 from tests.slam.small_flight import flown
@@ -42,7 +43,9 @@ def test_what_is_wrong_with_the_instruments_is_found_with_an_honest_deviation(fl
     assert attitude.heading_wander_rad == pytest.approx(WANDER_RAD, rel=0.1)
     off = (np.array(found.accelerometer.offset_m_s2) - ACCEL_OFF_M_S2) / found.accelerometer.offset_std_m_s2
     assert np.abs(off).max() < 4
-    assert np.max(found.accelerometer.offset_std_m_s2) < 0.1
+    # At one heading, a floor that slopes by 2 % looks like an offset of its level axes.
+    assert np.max(found.accelerometer.offset_std_m_s2) < 0.02 * GRAVITY_M_S2
+    assert found.accelerometer.offset_std_m_s2[2] < 0.1
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def test_only_the_axes_along_gravity_count() -> None:
 def test_lengths_of_a_map_follow_the_accelerometer_by_its_share() -> None:
     """They are the weighted mean of two measurements, as least squares have it: here of a range and of an
     accelerometer that is 1.4 % wrong."""
-    found = InertialScale(1.0, 0.01, (0.0,) * 3, (0.1,) * 3, (0.0,) * 3, (0.1,) * 3, (0.0, 0.0, 0.6))
+    found = InertialScale(1.0, 0.01, *((0.0,) * 3, (0.1,) * 3) * 2, (0.0, 0.0, 0.6), (0.0,) * 3, (0.1,) * 3)
     alone = AccelerometerScale(found, ScalePrior(1.0, 0.0144), None)
     assert alone.share == 1.0
     weights = 1 / np.array([0.0521, 0.0144])
