@@ -159,7 +159,7 @@ def _stepping(stamps_s):
     ("clock", "told"),
     [
         (_stepping, "differs from imu0's by +0.39"),
-        (lambda stamps_s: 1.03 * stamps_s, "clocks of camera and imu0 still disagree"),
+        (lambda stamps_s: 1.03 * stamps_s, "(a step or a drift), which is not corrected"),
         (lambda stamps_s: stamps_s, ""),
     ],
 )

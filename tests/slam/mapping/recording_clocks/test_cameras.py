@@ -80,5 +80,5 @@ def test_pictures_tell(lasts_s, has_gyro):
     for flights, expected in (([ahead, down], 1), ([down, ahead], 0)):
         found = chosen_camera(flights, silent)
         assert found.recording == expected
-        assert "below (looks down" in found.remark
-        assert "front (looks aside" in found.remark
+        assert "below (looks down" in str(found.remark)
+        assert "front (looks aside" in str(found.remark)
