@@ -78,10 +78,10 @@ class InertialScale:
     """d log(scale) / d log(gain) for the accelerometer's gain along each body axis. The rotors' thrust is
     almost constant along one axis, where a gain error acts like an offset; the scale then comes from the
     rotation of that force. They add up to 1 for a vehicle that accelerates without tilting."""
-    over_level_m_s2: tuple[float, float, float]
+    level_floor_offset_m_s2: tuple[float, float, float]
     """Offset if the floor is level: how the accelerometer leans against the floor, whichever of them is off.
     At one heading, an offset and a slope are the same."""
-    over_level_std_m_s2: tuple[float, float, float]
+    level_floor_offset_std_m_s2: tuple[float, float, float]
     sampling_std: float = 0.0
     """Relative standard deviation of the scale by motion that the readings are too slow for: a third of what
     half as many change. The mean over a step loses an error that grows with the square of the step."""
@@ -235,8 +235,8 @@ def _result(
         arm_m=triple(arm),
         arm_std_m=triple(std[4:7]),
         gain_slopes=triple(gain_effect / scale),
-        over_level_m_s2=triple(over_level[1:4]),
-        over_level_std_m_s2=triple(_standard_deviations(on_level, among[_LEVEL, _LEVEL])[1:4]),
+        level_floor_offset_m_s2=triple(over_level[1:4]),
+        level_floor_offset_std_m_s2=triple(_standard_deviations(on_level, among[_LEVEL, _LEVEL])[1:4]),
         lag=lag,
     )
 

@@ -64,8 +64,8 @@ class Jump(Finding):
 
     @property
     def is_shown_otherwise(self) -> bool:
-        """Whether it may be steps of the floor, which are a cause of flights with commands: the zero of a
-        sonar jumps once."""
+        """Whether it may be steps of the floor, because a range jumps more than once: the zero of a sonar
+        jumps once. With commands, such steps are a cause of their own."""
         return self.channel == "range" and self.count > 1
 
     def _text(self) -> str:

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def hybrid() -> Flight:
     """A small drone's own motion and sensors, pictures rendered along it."""
     return read_flight(str(DATA / "flights" / "ardrone2-hybrid"))
@@ -69,11 +69,10 @@ def test_in_the_wind_the_attitude_is_degrees_off_and_the_map_is_not(hybrid: Flig
 
 
 @pytest.fixture(scope="module")
-def whole() -> tuple[Estimate, Evaluation]:
+def whole(hybrid: Flight) -> tuple[Estimate, Evaluation]:
     """The map of the whole flight, and its errors."""
-    flight = read_flight(str(DATA / "flights" / "ardrone2-hybrid"))
-    estimate = optimize(flight)
-    return estimate, evaluate(estimate, flight)
+    estimate = optimize(hybrid)
+    return estimate, evaluate(estimate, hybrid)
 
 
 @pytest.mark.slow

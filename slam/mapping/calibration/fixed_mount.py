@@ -36,8 +36,8 @@ def fixed_mount_covariance(
     if by_inertia is not None:
         found = by_inertia.found
         # In leaning axes, gravity looks like a bias.
-        std = float(np.max(found.over_level_std_m_s2[:2])) / GRAVITY_M_S2
-        seen.append((np.array(found.over_level_m_s2[:2]) / GRAVITY_M_S2, std))
+        std = float(np.max(found.level_floor_offset_std_m_s2[:2])) / GRAVITY_M_S2
+        seen.append((np.array(found.level_floor_offset_m_s2[:2]) / GRAVITY_M_S2, std))
     # The noise is that of two components: twice the variance of one.
     shown = [(float(lean @ lean), 2 * std**2, lean) for lean, std in seen]
     leaning = [each for each in shown if each[0] > each[1]]

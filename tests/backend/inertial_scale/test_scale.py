@@ -222,9 +222,9 @@ def test_a_floor_that_slopes_moves_no_length(turn: str):
     leaning = replace(flight, w_T_b=lean @ flight.w_T_b).found
     assert leaning.scale == pytest.approx(flight.found.scale, rel=3e-3)
     assert leaning.scale_std == pytest.approx(flight.found.scale_std, rel=0.1)
-    against_floor = np.linalg.norm((np.array(leaning.over_level_m_s2) - OFFSET_M_S2)[:2])
+    against_floor = np.linalg.norm((np.array(leaning.level_floor_offset_m_s2) - OFFSET_M_S2)[:2])
     assert against_floor == pytest.approx(GRAVITY_M_S2 * np.sin(np.radians(3.0)), rel=0.05)
-    assert max(leaning.over_level_std_m_s2) < 0.3 * max(leaning.offset_std_m_s2)
+    assert max(leaning.level_floor_offset_std_m_s2) < 0.3 * max(leaning.offset_std_m_s2)
 
 
 def slow(flight: Made, count: int) -> Made:

@@ -55,7 +55,7 @@ def test_an_exact_mount_is_believed_until_a_clear_lean_contradicts_it() -> None:
 
 def by_inertia(forward_rad: float, std_rad: float) -> AccelerometerScale:
     offset, std = (GRAVITY_M_S2 * np.array([x, 0.0, 0.0]) for x in (forward_rad, std_rad))
-    found = SimpleNamespace(over_level_m_s2=offset, over_level_std_m_s2=std)
+    found = SimpleNamespace(level_floor_offset_m_s2=offset, level_floor_offset_std_m_s2=std)
     return cast("AccelerometerScale", SimpleNamespace(found=found))
 
 
