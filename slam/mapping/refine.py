@@ -27,6 +27,7 @@ from slam.mapping.control_points import ControlComparison
 from slam.mapping.floor_points import refined_floor_points
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
+from slam.mapping.gps.verdicts import FixVerdicts
 from slam.mapping.map import Map, largest_first
 from slam.mapping.map_part import MapPart
 from slam.mapping.metric_refinement import MetricRefinement, no_scale_line
@@ -216,13 +217,9 @@ class _Evidence:
         control: ControlComparison,
         first: _Used,
     ) -> tuple[MapPart, Agreement | None]:
-        """Refine the part, and again while the refined map changes the verdict on a fix or control point.
-
-        A precise fix that is wrong can hold its keyframe where the pictures contradict it, and then it agrees
-        with the map. It is compared once more with a map that does not use it.
-        """
+        """Refine the part, and again while the refined map changes the verdict on a fix or control point."""
         agreement, used_points = first.agreement, first.points
-        doubted = np.zeros(len(agreement.used) if agreement else 0, bool)
+        verdicts = None if agreement is None else FixVerdicts.first(agreement)
         for _ in range(_MOST_SELECTIONS):
             setup = base.with_fixes(agreement).with_control(used_points)
             refined = self.refinement.of(setup, part)
@@ -242,12 +239,11 @@ class _Evidence:
                 else None,
             )
             used, settled = agreement, np.array_equal(verdict.used, used_points)
-            if fixes is not None and used is not None:
+            if fixes and used and verdicts:
                 map_std_m = fixes.map_std_m(bundle.w_T_b, bundle.antenna_covariances, ~used.used)
-                agreement = part.refined_fixes(fixes).exact(bundle.w_T_b, map_std_m)
-                by_pictures = fixes.of_keyframes(contradicted_keyframes(bundle.optimum))
-                newly_doubted = used.used & by_pictures & ~doubted
-                agreement, doubted = agreement.without(newly_doubted), doubted | newly_doubted
+                found = part.refined_fixes(fixes).exact(bundle.w_T_b, map_std_m)
+                verdicts = verdicts.after(found, fixes.of_keyframes(contradicted_keyframes(bundle.optimum)))
+                agreement = verdicts.agreement
                 settled = settled and agreement.same(used)
             if settled:
                 break

@@ -40,10 +40,14 @@ class FixComparison:
     def without_repeats(self, w_T_b: Array, metric: bool) -> FixComparison:
         """Return the comparison that leaves out the fixes that repeat a place while the level, unplaced poses
         ``w_T_b`` (m, 4, 4) move."""
-        here_m = self.fixes.on_map(self.stamps_s, w_T_b)
-        return replace(
-            self, moved_m=moved_since_m(here_m, self.fixes.w_p_antenna_m, metric, self.fixes.std_m)
+        fixes = self.fixes
+        if fixes.repeats_place is None:
+            return self
+        here_m = fixes.on_map(self.stamps_s, w_T_b)
+        moved_m = moved_since_m(
+            here_m, fixes.w_p_antenna_m, fixes.repeats_place, metric=metric, nominal_std_m=fixes.std_m
         )
+        return replace(self, moved_m=moved_m)
 
     @property
     def stale(self) -> NDArray[np.bool_]:
@@ -110,8 +114,10 @@ class FixComparison:
         fixes, high = self.fixes, agreement.altitude_used & np.isfinite(agreement.off_m[:, 2])
         # Fixes that state more than is typical are no evidence for what the others state.
         high &= fixes.each_std_m[:, 2] <= fixes.std_m[2]
-        on_map = self._on_map(agreement, w_T_b)
-        across = mirror_contradiction(on_map)
+        covered = np.isfinite(agreement.off_m[:, 0])
+        on_map = self._on_map(agreement, w_T_b, agreement.used & covered)
+        # One lane of mirrored fixes agrees with the map by itself: the other lanes are those not used.
+        across = mirror_contradiction(on_map) or mirror_contradiction(self._on_map(agreement, w_T_b, covered))
         if across is None:
             across = stated_accuracy_contradiction(on_map, fixes.std_m, fixes.stated)
         up = altitude_contradiction(agreement.off_m[high, 2], fixes.std_m[2], fixes.stated)
@@ -129,9 +135,9 @@ class FixComparison:
         altitudes = AltitudesOnMap(agreement.off_m[high, 2], here_m, fixes.stamps_s[high], names)
         return altitude_course_contradiction(altitudes, fixes.std_m[2])
 
-    def _on_map(self, agreement: Agreement, w_T_b: Array) -> FixesOnMap:
-        used = agreement.used & np.isfinite(agreement.off_m[:, 0])
-        used &= (self.fixes.each_std_m[:, :2] <= self.fixes.std_m[:2]).all(axis=1)
+    def _on_map(self, agreement: Agreement, w_T_b: Array, fixes: NDArray[np.bool_]) -> FixesOnMap:
+        """Return those of the ``fixes`` (n,) that are as accurate as is typical, on the map."""
+        used = fixes & (self.fixes.each_std_m[:, :2] <= self.fixes.std_m[:2]).all(axis=1)
         here_m = self.fixes.on_map(self.stamps_s, w_T_b)[used, :2]
         at_s = self.fixes.stamps_s[used]
         w_R_b = w_T_b[nearest(self.stamps_s, at_s), :3, :3]

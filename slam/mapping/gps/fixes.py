@@ -43,6 +43,9 @@ class Fixes:
     """Whether it is at the body's origin because no place is stated."""
     stds_m: Array | None = None
     """(n, 3) standard deviations of each fix where they differ; ``std_m`` is their median then."""
+    repeats_place: NDArray[np.bool_] | None = None
+    """(n,) whether latitude and longitude are those of the fix before, to the last digit; None where no fix
+    repeats them."""
 
     @property
     def each_std_m(self) -> Array:
@@ -81,6 +84,7 @@ class Fixes:
             names=names,
             suspect=self.suspect[used],
             stds_m=None if self.stds_m is None else self.stds_m[used],
+            repeats_place=None if self.repeats_place is None else self.repeats_place[used],
         )
 
     def at(self, at_s: Array) -> tuple[Position, ...]:
@@ -124,6 +128,9 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
     stamps_s = gps.stamps_s[known]
     order = np.argsort(stamps_s, kind="stable")
     stamps_s = stamps_s[order]
+    # In metres an altitude that goes on moves a repeated place a little.
+    place_deg = np.column_stack([gps.latitude_deg, gps.longitude_deg])[known][order]
+    repeats = np.append(False, (np.diff(place_deg, axis=0) == 0).all(axis=1))[: len(place_deg)]
     return Fixes(
         stamps_s=stamps_s,
         w_p_antenna_m=w_p_antenna_m[order],
@@ -135,6 +142,7 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
         antenna_std_m=gps.antenna_std_m,
         antenna_assumed=gps.antenna_assumed,
         stds_m=None if gps.stds_m is None else gps.stds_m[known][order],
+        repeats_place=repeats if repeats.any() else None,
     )
 
 

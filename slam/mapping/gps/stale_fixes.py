@@ -22,17 +22,21 @@ Array = NDArray[np.float64]
 
 
 def moved_since_m(
-    here_m: Array, there_m: Array, metric: bool, nominal_std_m: tuple[float, float, float]
+    here_m: Array,
+    there_m: Array,
+    repeats: NDArray[np.bool_],
+    *,
+    metric: bool,
+    nominal_std_m: tuple[float, float, float],
 ) -> Array:
     """Return how far the map moved since the fix that each (n,) repeats, in metres; NaN for fixes that count.
 
     ``here_m`` (n, 3) is the level, unplaced map at the fixes ``there_m`` (n, 3) in order of time; NaN marks
-    what it does not cover. Where the map moves less during a run than a fix is uncertain, its fixes count.
+    what it does not cover. ``repeats`` (n,) says which have the place of the one before. Where the map moves
+    less during a run than a fix is uncertain, its fixes count.
     """
     moved_m, std_m = np.full(len(there_m), np.nan), nominal_limit_m(nominal_std_m) / STATED_SIGMAS
-    updated = np.append(True, (np.diff(there_m[:, :2], axis=0) != 0).any(axis=1))[: len(there_m)]
-    if updated.all():
-        return moved_m
+    updated = ~repeats
     turn = rough_turn(here_m[updated], there_m[updated], metric)
     if turn is None:
         return moved_m

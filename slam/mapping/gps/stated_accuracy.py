@@ -46,9 +46,9 @@ _DOUBTED = {
         "check the unit and the gain of the height sensor and the focal length",
     ),
     "mirror": (
-        "they are a mirror image of the map ({value}): the letters E and W, or N and S, of the positions are "
-        "exchanged, or the pictures are mirrored",
-        "scale, heading and place of the map are wrong",
+        "they are a mirror image of the map ({value}): latitude and longitude, or the letters E and W, or N "
+        "and S, are exchanged, or the pictures are mirrored",
+        "correct them and map again: scale, heading and place of this map are wrong",
     ),
     "altitude": (
         "altitudes that drift make such differences, and so does a map that is bent or tilted: heights and "
@@ -70,7 +70,7 @@ told from a delay, or from none."""
 
 @dataclass(frozen=True)
 class FixesOnMap:
-    """Fixes that the map uses, each with the map's pose at its time."""
+    """Fixes with the map's pose at the time of each."""
 
     off_m: Array
     """(n, 2) fix minus map, horizontal."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from slam.evaluation.trajectory import umeyama
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.fixes import Fixes
@@ -75,6 +76,22 @@ def test_a_fix_is_not_called_back_by_a_pose_of_unknown_accuracy(off_m: float, kn
     std_m = fixes.map_std_m(line_and_back(), covariances, LAST)
     assert np.isfinite(std_m[-1]).all() == known
     assert fixes.exact(line_and_back(), std_m).used[-1] == known
+
+
+@pytest.mark.parametrize("turned", [[[0, 0.99, 0], [1.41, 0, 0], [0, 0, 1]], np.diag([1, -1, 1]), np.eye(3)])
+def test_mirrored_fixes_are_told_where_the_map_agrees_with_one_lane_of_them(turned: np.ndarray) -> None:
+    """Latitude and longitude exchanged at 45 degrees north stretch the map, too."""
+    w_T_b = np.tile(np.eye(4), (COUNT, 1, 1))
+    w_T_b[:, :2, 3] = [(6.0 * k, 0) if k < 7 else (6.0 * (COUNT - k), 20) for k in range(COUNT)]
+    place_m = w_T_b[:, :3, 3] @ np.asarray(turned) + np.random.default_rng(0).normal(0, 0.01, (COUNT, 3))
+    names, none = tuple(f"fix {k}" for k in range(COUNT)), np.zeros(COUNT, bool)
+    fixes = FixComparison(Fixes(STAMPS_S, place_m, (0.01, 0.01, 0.02), True, names, none), STAMPS_S)
+    used = fixes.rough(w_T_b, False).used
+    assert used.all() == np.array_equal(turned, np.eye(3))
+    fit = umeyama(w_T_b[used, :3, 3], place_m[used], with_scale=True)
+    w_T_b[:, :3, 3] = fit.apply(w_T_b[:, :3, 3])
+    told = [each.warning.text for each in fixes.contradictions(fixes.exact(w_T_b), w_T_b)]
+    assert any("latitude and longitude" in text for text in told) == (not used.all())
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.core.flight import Flight
+from slam.core.geodesy import GeoOrigin, geodetic_from_enu
 from slam.core.messages import Kind
+from slam.core.streams import Gps
 from slam.mapping.gps.comparison import FixComparison
-from slam.mapping.gps.fixes import Fixes
+from slam.mapping.gps.fixes import Fixes, fixes_of
 
 COUNT = 15
 
@@ -25,7 +28,9 @@ def compared(place_m: np.ndarray, source: list[int], seed: int = 0) -> FixCompar
     """Fixes at ``place_m`` (15, 3) with noise, each with the place that it has from row ``source``."""
     noisy = place_m + np.random.default_rng(seed).normal(0, 2.0, (COUNT, 3))
     names, stamps_s = tuple(f"P{k:02}" for k in range(COUNT)), 4.0 * np.arange(COUNT)
-    fixes = Fixes(stamps_s, noisy[source], (5.0, 5.0, 10.0), False, names, np.zeros(COUNT, bool))
+    repeats = np.append(False, np.diff(source) == 0)
+    none = np.zeros(COUNT, bool)
+    fixes = Fixes(stamps_s, noisy[source], (5.0, 5.0, 10.0), False, names, none, repeats_place=repeats)
     return FixComparison(fixes, stamps_s)
 
 
@@ -78,3 +83,16 @@ def test_pictures_that_the_map_does_not_place_tell_no_motion():
     covered = np.arange(COUNT) != 9
     made = replace(made, stamps_s=made.stamps_s[covered])
     assert not made.without_repeats(w_T_b[covered], False).stale[9]
+
+
+def test_a_repeated_place_is_found_beside_an_altitude_that_goes_on():
+    """In metres from the origin, a higher place on one vertical lies a little aside."""
+    w_T_b, origin = lanes(30.0), GeoOrigin(47.0, 8.0, 400.0)
+    source = np.arange(COUNT) // 3 * 3
+    latitude_deg, longitude_deg, altitude_m = geodetic_from_enu(w_T_b[:, :3, 3], origin)
+    stamps_s = 4.0 * np.arange(COUNT)
+    gps = Gps(stamps_s, latitude_deg[source], longitude_deg[source], altitude_m + 0.3 * np.arange(COUNT))
+    fixes = fixes_of(Flight("f", gps=gps), origin)
+    assert fixes is not None
+    made = FixComparison(fixes, stamps_s).without_repeats(w_T_b, False)
+    assert np.array_equal(made.stale, source != np.arange(COUNT))
