@@ -50,10 +50,12 @@ def log_evidence_of_priors(optimum: BundleOptimum, cameras: Sequence[PinholeMode
     priors = [prior_covariance(camera) / scale for camera in cameras]
     under_narrowest = np.linalg.solve(information + np.linalg.inv(priors[0]), gradient)
     effect = _design_effect(optimum, posterior @ (off - under_narrowest) / unit)
-    return np.array([_log_evidence(gradient / effect, information / effect, prior) for prior in priors])
+    return np.array(
+        [log_marginal_likelihood(gradient / effect, information / effect, prior) for prior in priors]
+    )
 
 
-def _log_evidence(gradient: Array, information: Array, prior: Array) -> float:
+def log_marginal_likelihood(gradient: Array, information: Array, prior: Array) -> float:
     """Return the logarithm of the integral of a normal likelihood times a normal prior (q, q) of mean 0."""
     joint = information + np.linalg.inv(prior)
     gain = gradient @ np.linalg.solve(joint, gradient)

@@ -26,7 +26,7 @@ from backend.bundle.noise_level import (
 from backend.bundle.observations import Cameras, FloorObservations, height_stds
 from backend.bundle.relief import LEAST_PICTURES, find_heights
 from backend.bundle.residual_spread import huber_std, robust_autocorrelated_std
-from backend.measurements import FloorTracks, Measurements
+from backend.measurements import FloorTracks, Measurements, SlantRange
 from backend.quantiles import chi_square_quantile
 from backend.robust import huber_limit
 
@@ -203,11 +203,16 @@ def _sensor_noise(
         f_T_s = np.array([metric[r.k] @ c_T_b @ r.b_T_s for r in measurements.ranges])
         seen = np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM]
         off = seen - np.array([r.range_m for r in measurements.ranges])
-        level = replace(level, range_m=_pooled([r.std_m for r in measurements.ranges], off[:, None]))
+        level = replace(level, range_m=range_noise(measurements.ranges, off))
     if len(measurements.heights) > 3:
         off = height_residuals(measurements.heights, w_T_b, values.atVector(HEIGHTS))
         level = replace(level, height_m=_pooled([h.std_m for h in measurements.heights], off[:, None]))
     return level
+
+
+def range_noise(ranges: Sequence[SlantRange], off: Array) -> float:
+    """Return the noise of a typical range from the residuals ``off`` (n,) of some."""
+    return _pooled([r.std_m for r in ranges], off[:, None])
 
 
 def _pooled(stated: Sequence[float], off: Array) -> float:

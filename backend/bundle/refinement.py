@@ -271,7 +271,7 @@ def _result(solved: Solved, readout: ReadoutEstimate | None) -> Bundle:
         row_motion_m=row_motion_m(optimum),
         b_T_c=problem.b_T_c(values),
         mount_std_rad=float(world_std[MOUNT].max()) if problem.camera.mount_std_rad > 0 else 0.0,
-        range_errors=_range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
+        range_errors=_range_errors(problem.measurements, world, joint[0, 6:, 6:]),
         scale_std=size.log_std if problem.has_scale else None,
         middle_std_m=size.middle_std_m,
         conditional_scale_std=_conditional_scale_std(joint[0, 6:, 6:]) if problem.has_scale else 0.0,
@@ -312,6 +312,15 @@ def _conditional_scale_std(covariance: Array) -> float:
     return float(np.sqrt(max(covariance[scale, scale] - explained, 0.0)))
 
 
-def _range_errors(world: Array, covariance: Array) -> RangeErrors:
+def _range_errors(measured: Measurements, world: Array, covariance: Array) -> RangeErrors | None:
+    if not measured.ranges:
+        return None
     gain, std = float(np.exp(world[LOG_GAIN])), np.sqrt(np.diag(covariance))
-    return RangeErrors(gain, gain * float(std[LOG_GAIN]), float(world[DATUM]), float(std[DATUM]))
+    return RangeErrors(
+        gain=gain,
+        gain_std=gain * float(std[LOG_GAIN]),
+        zero_m=float(world[DATUM]),
+        zero_std_m=float(std[DATUM]),
+        gain_prior_std=measured.range_gain_std,
+        zero_prior_std_m=measured.range_datum_std_m,
+    )

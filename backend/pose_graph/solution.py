@@ -91,6 +91,9 @@ class RangeErrors:
     gain_std: float
     zero_m: float
     zero_std_m: float
+    gain_prior_std: float | None = None
+    """Deviations of both before the flight; None where they were not kept."""
+    zero_prior_std_m: float | None = None
 
     def determined(self, prior_gain_std: float, prior_zero_std_m: float) -> tuple[bool, bool]:
         """Return whether the measurements determine gain and zero beyond their priors."""

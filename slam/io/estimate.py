@@ -274,7 +274,7 @@ def _antenna_m(record: dict[str, Any]) -> tuple[float, float, float] | None:
 
 def _range_errors(record: dict[str, Any]) -> RangeErrors | None:
     value = record.get("range_errors")
-    return None if value is None else RangeErrors(**{key: float(value) for key, value in value.items()})
+    return None if value is None else RangeErrors(**value)
 
 
 def _shares(record: dict[str, Any]) -> dict[str, dict[str, float]]:

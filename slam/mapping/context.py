@@ -11,7 +11,6 @@ from slam.core.flight import Flight
 from slam.core.messages import Message
 from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
-from slam.core.streams import Gps
 from slam.mapping.calibration.clock_offset import NO_CORRECTION
 from slam.mapping.calibration.refuted import Refuted
 from slam.mapping.config import PipelineConfig
@@ -71,9 +70,8 @@ class Context:
         setup, bridges = _at_keyframes(self.flight, job, observations)
         return replace(self, job=job, setup=setup, bridges=bridges, clock=clock)
 
-    def with_gps(self, gps: Gps | None, observations: Observations) -> Context:
-        """Return the context for other positions, or for another antenna."""
-        flight = replace(self.flight, gps=gps)
+    def with_flight(self, flight: Flight, observations: Observations) -> Context:
+        """Return the context for other readings of the instruments, or for other accuracies of them."""
         return replace(self, flight=flight).calibrated(self.clock, self.job.camera, observations)
 
     @property

@@ -23,18 +23,19 @@ from slam.core.repeated_readings import without_held_readings
 from slam.core.stage_timer import Stopwatch
 from slam.core.turn_units import in_radians
 from slam.mapping.build_estimate import build_estimate, shared_errors
+from slam.mapping.calibration.height_sensor import range_prior
 from slam.mapping.calibration.refuted import FIXABLE, FreeCalibrations, ImplausibleFocal, with_fixed_focal
 from slam.mapping.checkpoints.refinement import RefinementCheckpoints
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
 from slam.mapping.floor_visibility import without_horizon_frames
+from slam.mapping.free_refuted import free_refuted_calibrations
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.obstacle_list import map_elevation, map_obstacles
 from slam.mapping.obstacles import Obstacles, cleared_echoes, find_obstacles, no_masks
 from slam.mapping.stages import (
     close_loops,
-    free_refuted_calibrations,
     hide,
     match_overlaps,
     odometry,
@@ -49,7 +50,7 @@ from slam.mapping.tracked_pictures import TrackedPictures
 MOST_PASSES = 2
 """Obstacles bend the first map and are then misplaced in it; the second pass places them again."""
 MOST_REFUTATIONS = len(FIXABLE)
-"""A map with one free calibration may refute the other one. Each becomes free once: a lens may be refuted
+"""A map with one free calibration may refute another one. Each becomes free once: a lens may be refuted
 anew, or change its model to and fro."""
 LEAST_LEFT = 0.5
 """Smallest share of the mapped keyframes that masks must leave: below it there is no floor to see."""
@@ -141,8 +142,9 @@ def _without_implausible_focal(finished: _Finished, flight: Flight) -> _Finished
     implausible = ImplausibleFocal.of(context.job.camera, refined)
     if implausible is None:
         return finished
-    reason, gps = context.reason_still_fixed, context.flight.gps
-    fixed = FreeCalibrations(with_fixed_focal(context.job.camera), gps, reason=reason)
+    reason, ranges = context.reason_still_fixed, range_prior(context.flight)
+    camera = with_fixed_focal(context.job.camera)
+    fixed = FreeCalibrations(camera, context.flight.gps, ranges, reason=reason)
     again = None if implausible.is_believed else _again(finished, flight, fixed)
     found = again or finished
     return replace(
@@ -161,7 +163,7 @@ def _again(first: _Finished, flight: Flight, free: FreeCalibrations) -> _Finishe
             context, refined = with_free_calibrations(first.context, first.refined, free)
             again = _Finished(context, refined, *shared_errors(refined, context.flight.gps))
         else:
-            again = _finished(replace(job, camera=free.camera), replace(flight, gps=free.gps))
+            again = _finished(replace(job, camera=free.camera), free.of(flight))
     except InputError:  # no pictures join with this lens
         return None
     if again.refined.main_share < LEAST_LEFT * first.refined.main_share:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.range_evidence import RangePrior
 from backend.measurements import ControlPoint
 from frontend.camera import Camera
 from slam.core.rotations import roll_pitch_yaw_of
@@ -48,6 +49,12 @@ class Setup:
     def without_heights(self) -> Setup:
         """Return the same setup without the barometer."""
         return replace(self, readings=replace(self.readings, heights=()))
+
+    def with_range_prior(self, prior: RangePrior) -> Setup:
+        """Return the same setup with gain and zero of the ranges known as well as ``prior`` says."""
+        gain_std, zero_std_m = prior.gain_std, prior.zero_std_m
+        readings = replace(self.readings, range_gain_std=gain_std, range_datum_std_m=zero_std_m)
+        return replace(self, readings=readings)
 
     def with_control(self, used: NDArray[np.bool_]) -> Setup:
         """Return the same setup with the surveyed points in ``used`` (p,) as control points."""

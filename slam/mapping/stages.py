@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.clocks.picture_clock import PictureClock
 from backend.significance import SURE_SIGMAS
 from frontend.camera import Camera
@@ -18,23 +17,13 @@ from slam.core.flight import Flight
 from slam.core.heap import large_blocks_kept
 from slam.core.imu_at_rest import gravity_reading
 from slam.core.instrument_readings import inertial_readings
-from slam.core.lens_priors import as_assumed, as_nominal
 from slam.core.progress import show_compilation
-from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.calibration.attitude_floor_tilt import tilt_over_map
 from slam.mapping.calibration.camera_mount import estimated_mount
 from slam.mapping.calibration.clock_offset import clock_correction, finer_correction
 from slam.mapping.calibration.instrument_clocks import on_one_clock
 from slam.mapping.calibration.picture_turns import tracked_clock
-from slam.mapping.calibration.refuted import (
-    FreeCalibrations,
-    Refuted,
-    is_stated_lens_doubted,
-    lens_by_evidence,
-    refuted_by_trial,
-    suspects,
-    with_lens_of,
-)
+from slam.mapping.calibration.refuted import FreeCalibrations
 from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.contradicted_odometry import contradicted_step, without_step
@@ -218,46 +207,9 @@ def self_calibrate(context: Context, matched: Observations, refined: Map) -> tup
     return context, refine(context, again, with_inertia=True)
 
 
-def free_refuted_calibrations(
-    context: Context, refined: Map, errors: SystematicErrors | None, lens_is_suspect: bool
-) -> FreeCalibrations | None:
-    """Return the stated instruments with the calibrations as free parameters that the pictures refute.
-
-    They are fixed ones whose ``errors`` displace the poses by more than their covariances state, a lens of
-    another model, and one that is stated as more certain than the evidence says, which is computed where the
-    lens is doubted or suspect. The result is None where nothing is refuted.
-    """
-    camera, gps = context.job.camera, context.flight.gps
-    if refined.camera.lens != camera.lens:
-        return FreeCalibrations(with_lens_of(camera, refined.camera), gps)
-    suspected = suspects(refined.bundle, errors)
-    if errors is None or not suspected.refuted:
-        doubted = lens_is_suspect or is_stated_lens_doubted(camera, refined)
-        return _with_doubted_lens_free(context, refined) if doubted else None
-    with context.timer("refine"):
-        trial = refine_map(refined, suspected.free(context.setup), context.job.progress)
-    refuted, reason = refuted_by_trial(trial.bundle, suspected, errors)
-    for each in refuted:
-        if each.what == "lens":
-            camera = with_lens_of(as_nominal(camera), trial.camera)
-        elif gps is not None:
-            gps = replace(gps, antenna_std_m=NOMINAL_ANTENNA_STD_M)
-    return FreeCalibrations(camera, gps, refuted, reason)
-
-
-def _with_doubted_lens_free(context: Context, refined: Map) -> FreeCalibrations | None:
-    """Return the lens with a wider prior, if its evidence is much stronger than that of the stated one."""
-    camera = context.job.camera
-    with context.timer("refine"):
-        widest = replace(context.setup, camera=as_assumed(camera))
-        found, doubted = lens_by_evidence(camera, refine_map(refined, widest, context.job.progress))
-    refuted = () if found is camera else (Refuted("lens", None),)
-    return FreeCalibrations(found, context.flight.gps, refuted, doubted_lens=doubted)
-
-
 def with_free_calibrations(context: Context, refined: Map, free: FreeCalibrations) -> tuple[Context, Map]:
     """Solve and refine once more with free calibrations, where the lens is as it was."""
-    context = context.with_gps(free.gps, refined.observations)
+    context = context.with_flight(free.of(context.flight), refined.observations)
     return context, refine(context, solve_again(context, refined), with_inertia=True)
 
 

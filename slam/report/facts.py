@@ -19,7 +19,9 @@ from slam.report.heading import heading_doubt
 from slam.report.loop_change import LoopChange, loop_change
 
 if TYPE_CHECKING:
+    from backend.pose_graph.solution import RangeErrors
     from slam.core.flight import Flight
+    from slam.core.streams import Sonar
 
 Array = NDArray[np.float64]
 
@@ -161,7 +163,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         is_graph=flight is None,
         gps_std_m=_gps_std_m(flight),
         gps_accuracy=whence(flight.gps) if flight is not None and flight.gps is not None else "stated",
-        range_exact=_range_exact(flight),
+        range_exact=_range_exact(estimate, flight),
         altitude_known=estimate.altitude_known,
         controlled=estimate.follows_control_points,
         plane="" if flight is None else plane_text(estimate),
@@ -184,9 +186,16 @@ def whence(series: Instrument) -> str:
     return "assumed" if series.noise_assumed else "stated"
 
 
-def _range_exact(flight: Flight | None) -> bool:
+def _range_exact(estimate: Estimate, flight: Flight | None) -> bool:
     sonar = flight.sonar if flight is not None else None
-    return sonar is not None and sonar.scale_std == sonar.datum_std_m == 0
+    return sonar is not None and _range_priors(estimate.range_errors, sonar) == (0, 0)
+
+
+def _range_priors(found: RangeErrors | None, sonar: Sonar) -> tuple[float, float]:
+    """Return how well the map knew gain and zero before the flight: as stated, unless it refutes that."""
+    if found is None or found.gain_prior_std is None or found.zero_prior_std_m is None:
+        return sonar.scale_std, sonar.datum_std_m
+    return found.gain_prior_std, found.zero_prior_std_m
 
 
 def is_placed(estimate: Estimate) -> NDArray[np.bool_]:
@@ -303,7 +312,7 @@ def _height_sensor(estimate: Estimate, flight: Flight | None) -> tuple[str, str]
 
     gain = with_error(found.gain, found.gain_std)
     zero = f"{with_error(1e3 * found.zero_m, 1e3 * found.zero_std_m, '+')}{SPACE}mm"
-    priors = flight.sonar.scale_std, flight.sonar.datum_std_m
+    priors = _range_priors(found, flight.sonar)
     keys = ("scale_std", "datum_std")
     gain, zero = map(described, (gain, zero), priors, found.determined(*priors), keys)
     return gain, zero

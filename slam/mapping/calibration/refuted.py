@@ -1,4 +1,4 @@
-"""Calibrations that are fixed as stated or assumed, and that the pictures refute: the lens, and the antenna.
+"""Calibrations that are fixed as stated or assumed, and that a flight refutes: of lens, antenna and sonar.
 
 A refuted calibration becomes a free parameter, with which the flight is mapped again. It stays fixed where
 the flight does not tell it from the others, because then another cause explains the same residuals.
@@ -18,24 +18,27 @@ from numpy.typing import NDArray
 from backend.bundle.accuracy.systematic_errors import ErrorTest, SystematicErrors
 from backend.bundle.accuracy.systematic_terms import LENS_KINDS, Kind
 from backend.bundle.lens_evidence import log_evidence_of_priors
+from backend.bundle.range_evidence import RangePrior
 from backend.bundle.refinement import Bundle
 from backend.significance import VERY_STRONG_NATS
 from backend.sparse_cholesky import SingularMatrixError
 from frontend.camera import Camera
+from slam.core.flight import Flight
 from slam.core.lens_priors import PLAUSIBLE_FOCAL, as_assumed, as_nominal
 from slam.core.messages import Message, about
 from slam.core.streams import Gps
 from slam.mapping.calibration.antenna import FARTHEST, NOMINAL_ANTENNA_STD_M, refusal_of_antenna
+from slam.mapping.calibration.height_sensor import with_range_prior
 from slam.mapping.map import Map
 from slam.mapping.part_measurements import pinhole_model
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
-Fixable = Literal["lens", "antenna"]
-FIXABLE: tuple[Fixable, ...] = ("lens", "antenna")
+Fixable = Literal["lens", "antenna", "height sensor"]
+FIXABLE: tuple[Fixable, ...] = ("lens", "antenna", "height sensor")
 """Calibrations that may be fixed."""
 _KINDS: dict[Fixable, tuple[Kind, ...]] = {"lens": LENS_KINDS, "antenna": ("position offset",)}
-"""Kinds of errors that each calibration makes where it is wrong."""
+"""Kinds of errors of the pictures that each calibration makes where it is wrong."""
 
 
 _SUSPECT = 0.05
@@ -49,7 +52,9 @@ class Refuted:
 
     what: Fixable
     errors: SystematicErrors | None
-    """The errors of the map in which it is fixed; None of a lens that the evidence refutes."""
+    """The errors of the map in which it is fixed; None of a calibration that the evidence refutes."""
+    stated_ranges: RangePrior | None = None
+    """How well gain and zero of a refuted height sensor were stated to be known; None of the others."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +63,18 @@ class FreeCalibrations:
 
     camera: Camera
     gps: Gps | None
+    ranges: RangePrior | None
+    """How well gain and zero of the height sensor are known; None without one."""
     refuted: tuple[Refuted, ...] = ()
     """The calibrations that become free, without a lens of another model that was stated as uncertain."""
     reason: Message | None = None
     """Why a refuted antenna is fixed all the same; None where none is."""
     doubted_lens: Message | None = None
     """Warning about a lens that is refuted and fixed all the same; None where none is."""
+
+    def of(self, flight: Flight) -> Flight:
+        """Return a flight with these instruments."""
+        return with_range_prior(replace(flight, gps=self.gps), self.ranges)
 
     def changes_nothing(self, camera: Camera) -> bool:
         """Return whether a map that was made with ``camera`` has all of these parameters already."""

@@ -49,6 +49,7 @@ from slam.mapping.warnings.motions import KeyframeSteps
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
 from slam.mapping.warnings.parts import parts_warning
+from slam.mapping.warnings.refuted_ranges import refuted_ranges_warning
 from slam.mapping.warnings.rolling_ground import rolling_ground_warning
 from slam.mapping.warnings.single_join import single_join_warnings
 from slam.mapping.warnings.slope_by_attitude import slope_by_attitude_warning
@@ -158,6 +159,7 @@ def _reasons(
         antenna if _antenna_is_stated(flight) else None,
         # First, because instruments contradict a map that a lens has bent.
         systematic if systematic is not None and systematic.kind is Kind.REASON else None,
+        _refuted_ranges(context, map_),
         *map_.no_scale,
         *map_.warnings,
         *(control_warnings(map_.control) if map_.control is not None else ()),
@@ -290,6 +292,15 @@ def _refuted_antenna(context: Context, map_: Map) -> Message | None:
         return None
     stated = _antenna_is_stated(context.flight)
     return refuted_antenna_warning(errors, place, map_.camera, _main_height_m(map_), stated)
+
+
+def _refuted_ranges(context: Context, map_: Map) -> Message | None:
+    """Report a stated gain or zero of the height sensor in whose place the map has an estimated one."""
+    stated = next((each.stated_ranges for each in context.refuted if each.stated_ranges is not None), None)
+    found = map_.bundle.range_errors if map_.bundle is not None else None
+    if stated is None or map_.bundle is None or found is None:
+        return None
+    return refuted_ranges_warning(stated, found, map_.bundle.scale_std)
 
 
 def _antenna_is_stated(flight: Flight) -> bool:

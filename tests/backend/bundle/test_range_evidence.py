@@ -1,0 +1,75 @@
+"""What is stated of gain and zero of a rangefinder is weighed against wider priors, over a made floor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.bundle.graph import ScalePrior
+from backend.bundle.range_evidence import RangeEvidence, RangePrior, range_evidence
+from backend.bundle.refinement import refine
+from backend.significance import STRONG_NATS, VERY_STRONG_NATS
+from tests.backend.made_floor import Scene, make
+
+EXACT, GAIN, ZERO = RangePrior(0.0, 0.0), RangePrior(0.05, 0.0), RangePrior(0.0, 0.1)
+BOTH = RangePrior(GAIN.gain_std, ZERO.zero_std_m)
+SCENE = Scene(attitude_std_rad=0.003, height_swing=0.3)
+GPS_M = (0.02, 0.02)
+
+
+def told(scene: Scene, seed: int = 0, lengths: ScalePrior | None = None) -> RangeEvidence:
+    """What the scene tells of gain and zero, on a map in which both are held as exact."""
+    made = make(scene, seed)
+    return range_evidence(refine(made.measurements, made.start, made.floor_z_m).optimum, EXACT, BOTH, lengths)
+
+
+def gains(found: RangeEvidence) -> tuple[float, float]:
+    """Evidence of a free gain and of a free zero over that of exact ones."""
+    exact = found.log_evidence(EXACT)
+    return found.log_evidence(GAIN) - exact, found.log_evidence(ZERO) - exact
+
+
+def test_ranges_that_are_exact_as_stated_are_not_doubted():
+    assert max(gains(told(SCENE))) < 0.1
+
+
+def test_a_wrong_zero_shows_where_the_height_changes():
+    found = told(replace(SCENE, range_datum_m=-0.1))
+    by_gain, by_zero = gains(found)
+    assert by_zero > VERY_STRONG_NATS
+    assert by_gain < 0.1, "a gain and the scale of the map are one"
+    (_, zero_m), (_, std_m) = found.errors(ZERO)
+    assert abs(zero_m + 0.1) < 3 * std_m
+    assert std_m < 0.02
+
+
+def test_at_one_height_nothing_tells_a_zero_from_the_scale():
+    level = replace(SCENE, height_swing=0.0)
+    assert max(gains(told(replace(level, range_datum_m=0.1)))) < 0.1
+    # Positions do: then it is a gain as well.
+    by_gain, by_zero = gains(told(replace(level, range_datum_m=0.06, position_std_m=GPS_M)))
+    assert min(by_gain, by_zero) > VERY_STRONG_NATS
+    assert abs(by_gain - by_zero) < STRONG_NATS
+
+
+def test_lengths_of_another_instrument_show_a_gain():
+    by_gain, by_zero = gains(told(SCENE, lengths=ScalePrior(1 / 1.1, 0.02)))
+    assert by_gain > VERY_STRONG_NATS
+    assert by_zero < by_gain
+    assert max(gains(told(SCENE, lengths=ScalePrior(1.02, 0.02)))) < STRONG_NATS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ground", [{}, {"rolling": 0.05}, {"walls": 0.2}])
+@pytest.mark.parametrize("zero_m", [0.0, 0.06])
+def test_the_zero_is_within_what_the_evidence_says(ground: dict[str, float], zero_m: float):
+    """Over flat ground, hills, and structure."""
+    off = list[float]()
+    for seed in range(6):
+        found = told(replace(SCENE, keyframes=30, range_datum_m=zero_m, **ground), seed)
+        (_, zero), (_, std_m) = found.errors(ZERO)
+        off.append((zero - zero_m) / std_m)
+        assert zero_m or gains(found)[1] < VERY_STRONG_NATS
+    assert np.mean(np.square(off)) < 2.8, "the limit of a chi-square variable over 6, at 1 %"
