@@ -11,7 +11,12 @@ from backend.sparse_cholesky import SingularMatrixError
 from slam.core.flight import Flight
 from slam.mapping.calibration.attitude_floor_tilt import tilt_over_map
 from slam.mapping.calibration.clock_offset import NO_CORRECTION, clock_displacements
-from slam.mapping.calibration.fixed_mount import fixed_mount_covariance, mount_displacements
+from slam.mapping.calibration.fixed_mount import (
+    fixed_mount_covariance,
+    level_floor_covariance,
+    level_floor_displacements,
+    mount_displacements,
+)
 from slam.mapping.context import Context
 from slam.mapping.map import Map
 
@@ -24,20 +29,26 @@ largest's variance."""
 
 def instrument_displacements(context: Context, map_: Map) -> Array:
     """Return (n, 6, e) right perturbations of the poses by one standard deviation of each error that the
-    refinement does not estimate: the delays of a corrected clock, and the tilt of a fixed mount."""
+    refinement does not estimate: the delays of a corrected clock, the tilt of a fixed mount, and the slope of
+    a floor that counts as level."""
     stamps_s, n = map_.observations.stamps_s, len(map_.w_T_b)
-    found = np.zeros((n, 6, 0))
+    found = [np.zeros((n, 6, 0))]
     if context.clock is not NO_CORRECTION:
         camera_stamps_s = map_.observations.camera_stamps_s[map_.observations.frame_index]
-        found = clock_displacements(context.clock, map_.w_T_b, stamps_s, camera_stamps_s)
-    if context.flight.parts or (map_.bundle is not None and map_.bundle.mount_std_rad > 0):
-        return found  # each part has a level of its own, and an estimated mount is counted
+        found.append(clock_displacements(context.clock, map_.w_T_b, stamps_s, camera_stamps_s))
+    if context.flight.parts:  # each has a level of its own
+        return np.concatenate(found, axis=2)
     tilt = tilt_over_map(context.flight, map_)
-    mount = fixed_mount_covariance(tilt, map_.inertial, map_.camera.mount_std_rad == 0.0)
-    if not mount.any():
-        return found
-    of_all = np.broadcast_to(mount_displacements(map_.camera.b_T_c, mount), (n, 6, 2))
-    return np.concatenate([found, of_all], axis=2)
+    if map_.bundle is None or map_.bundle.mount_std_rad == 0:  # an estimated mount is counted
+        mount = fixed_mount_covariance(tilt, map_.inertial, map_.camera.mount_std_rad == 0.0)
+        if mount.any():
+            of_mount = mount_displacements(map_.camera.b_T_c, mount)
+            found.append(np.broadcast_to(of_mount, (n, *of_mount.shape)))
+    if not map_.georeferenced:  # positions determine the slope
+        slope = level_floor_covariance(tilt, map_.inertial)
+        if slope.any():
+            found.append(level_floor_displacements(map_.w_T_b, map_.component, slope))
+    return np.concatenate(found, axis=2)
 
 
 def datum_displacements(flight: Flight, map_: Map) -> Array:

@@ -1,12 +1,14 @@
-"""How uncertain the mount of a camera is that is fixed at its nominal value.
+"""How uncertain the mount of a camera is that is fixed at its nominal value, and a floor that counts as level.
 
 Pictures show how the camera leans against the floor, and not how the body does: a wrong mount turns all
-poses about the camera, and no residual shows it. What shows it are instruments that measure which way is up.
-Each has a zero of its own, so that the lean between such an instrument and the floor is the sum of the
-mount's error and the instrument's.
+poses about the camera, and no residual shows it. Nor does one show that the floor slopes, and all poses with
+it. What shows both are instruments that measure which way is up. Each has a zero of its own, so that the lean
+between such an instrument and the floor is the sum of the mount's error, or the slope, and the instrument's.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,34 +25,85 @@ def fixed_mount_covariance(
 ) -> Array:
     """Return the covariance (2, 2) of the error of a fixed mount, a rotation about the body's x and y in rad.
 
-    Mount and zero of the instrument are two normal errors of mean zero and of one unknown size. Their sum is
-    the measured lean, whose square, less that of its noise, determines the size. The second moment of the
-    mount's share is the covariance. Accelerometer and attitude have different zeros but one camera: the mount
-    is off by no more than either of them allows, by its lean and its noise. The covariance is zero where no
-    instrument measures which way is up, and for a mount that is stated as exact, unless all instruments lean
-    significantly.
+    Accelerometer and attitude have different zeros but one camera: the mount is off by no more than either of
+    them allows, by its lean and its noise. The covariance is zero where no instrument measures which way is
+    up, and for a mount that is stated as exact, unless all instruments lean significantly.
     """
-    seen = list[tuple[Array, float]]()
-    if tilt is not None:
-        seen.append((tilt.in_body, tilt.body_std))
+    seen = [] if tilt is None else [(tilt.in_body, tilt.body_std)]
     if by_inertia is not None:
-        found = by_inertia.found
-        # In leaning axes, gravity looks like a bias.
-        std = float(np.max(found.level_floor_offset_std_m_s2[:2])) / GRAVITY_M_S2
-        seen.append((np.array(found.level_floor_offset_m_s2[:2]) / GRAVITY_M_S2, std))
+        seen.append(_lean_of(by_inertia))
+    if stated_exact and any(lean @ lean < SURE**2 * std**2 for lean, std in seen):
+        return np.zeros((2, 2))
+    return _share(seen)
+
+
+def level_floor_covariance(tilt: AttitudeFloorTilt | None, by_inertia: AccelerometerScale | None) -> Array:
+    """Return the covariance (2, 2) of the slope of a floor that counts as level, a rotation about the map's x
+    and y in rad.
+
+    Slope and zero of the attitude make it lean as mount and zero do. A lean that turns with the body is none
+    of the floor. An accelerometer that leans less allows no larger slope. Its axes turn with the body, where
+    a slope is on average smaller than in the world, as the lean of the attitude is.
+    """
+    if tilt is None or tilt.turns_with_body:
+        return np.zeros((2, 2))
+    seen, in_world = [(tilt.in_world, tilt.world_std)], float(np.linalg.norm(tilt.in_world))
+    smaller = min(float(np.linalg.norm(tilt.in_body)) / max(in_world, 1e-12), 1.0)
+    if by_inertia is not None and smaller > 0:
+        lean, std = _lean_of(by_inertia)
+        seen.append((tilt.in_world * np.linalg.norm(lean) / (smaller * in_world), std / smaller))
+    return _share(seen)
+
+
+def _lean_of(by_inertia: AccelerometerScale) -> tuple[Array, float]:
+    """Return how an accelerometer leans against the floor, forward and left, and its deviation.
+
+    In leaning axes, gravity looks like a bias.
+    """
+    found = by_inertia.found
+    lean = np.array(found.level_floor_offset_m_s2[:2]) / GRAVITY_M_S2
+    return lean, float(np.max(found.level_floor_offset_std_m_s2[:2])) / GRAVITY_M_S2
+
+
+def _share(seen: Sequence[tuple[Array, float]]) -> Array:
+    """Return the covariance (2, 2) of a rotation that has its share of the leans (2,) of all instruments.
+
+    It and the zero of an instrument are two normal errors of mean zero and of one unknown size. Their sum is
+    the measured lean, whose square, less that of its noise, determines the size. The second moment of the
+    rotation's share is the covariance.
+    """
     # The noise is that of two components: twice the variance of one.
     shown = [(float(lean @ lean), 2 * std**2, lean) for lean, std in seen]
     leaning = [each for each in shown if each[0] > each[1]]
-    if not leaning or (stated_exact and any(square < 0.5 * SURE**2 * noise for square, noise, _ in shown)):
+    if not leaning:
         return np.zeros((2, 2))
     allowed = min(square + noise for square, noise, _ in shown)
     square = min(allowed, max(square - noise for square, noise, _ in leaning))
-    forward, left = min(leaning, key=lambda each: each[1])[2]
-    # The axis about which the body's up direction leans forward and left.
-    axis = np.array([-left, forward]) / np.hypot(forward, left)
+    x, y = min(leaning, key=lambda each: each[1])[2]
+    # The axis about which the up direction leans there.
+    axis = np.array([-y, x]) / np.hypot(x, y)
     # With the variance s² of either error along each axis, the square of their sum is 4 s² on average. The
     # share of one is half of the sum, and varies about it by s²/2 along each axis.
     return np.asarray(square * (np.outer(axis, axis) / 4 + np.eye(2) / 8))
+
+
+def level_floor_displacements(w_T_b: Array, component: NDArray[np.int64], slope_covariance: Array) -> Array:
+    """Return (n, 6, 2) right perturbations of poses (n, 4, 4) by the slope of a floor that counts as level.
+
+    The poses of each ``component`` (n,) turn about the first of them, whose place is given. They keep their
+    places over the floor.
+    """
+    found = np.zeros((len(w_T_b), 6, 2))
+    variance, about = np.linalg.eigh(slope_covariance)
+    axes = np.eye(3)[:2].T @ about * np.sqrt(np.maximum(variance, 0.0))
+    placed = np.isfinite(w_T_b).all(axis=(1, 2))
+    for part in np.unique(component[placed]):
+        rows = np.flatnonzero(placed & (component == part))
+        b_R_w = np.swapaxes(w_T_b[rows, :3, :3], 1, 2)
+        away_m = w_T_b[rows, :3, 3] - w_T_b[rows[0], :3, 3]
+        found[rows, :3] = b_R_w @ axes
+        found[rows, 3:] = b_R_w @ np.cross(axes.T, away_m[:, None]).swapaxes(1, 2)
+    return found
 
 
 def mount_displacements(b_T_c: Array, mount_covariance: Array) -> Array:

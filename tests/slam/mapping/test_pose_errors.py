@@ -46,7 +46,7 @@ def test_a_mount_of_which_nothing_is_told_is_an_error_of_all_poses(
 ) -> None:
     assert estimate.joint_errors is not None
     assert flight.camera is not None
-    of_mount = estimate.joint_errors[:, :, REFINED:]
+    of_mount = estimate.joint_errors[:, :, REFINED : REFINED + 2]
     assert of_mount.shape[2] == 2
     np.testing.assert_array_equal(of_mount, of_mount[:1].repeat(len(of_mount), axis=0))
     assert np.degrees(np.sqrt(own(of_mount)[0, :2, :2].trace())) > 0.5

@@ -1,4 +1,5 @@
-"""A mount that is held: how uncertain it is, and what that makes of the poses."""
+"""A mount that is held, and a floor that counts as level: how uncertain they are, and what that makes of the
+poses."""
 
 from __future__ import annotations
 
@@ -16,7 +17,12 @@ from slam import optimize
 from slam.core.flight import Flight
 from slam.evaluation import evaluate
 from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
-from slam.mapping.calibration.fixed_mount import fixed_mount_covariance, mount_displacements
+from slam.mapping.calibration.fixed_mount import (
+    fixed_mount_covariance,
+    level_floor_covariance,
+    level_floor_displacements,
+    mount_displacements,
+)
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from tests.slam.mapping.calibration.test_attitude_floor_tilt import askew
 from tests.slam.small_flight import flown
@@ -88,6 +94,39 @@ def test_the_body_turns_about_the_camera() -> None:
     assert told @ told.T == pytest.approx(np.outer(error, error), abs=1e-16)
 
 
+def test_a_lean_that_does_not_turn_with_the_body_may_be_a_slope() -> None:
+    one_heading = leaning(0.02, 0.0)
+    all_headings = replace(one_heading, in_body=1e-6 * np.ones(2))
+    in_body = replace(one_heading, world_std=1e-2)
+    alone = level_floor_covariance(one_heading, None)
+    np.testing.assert_array_equal(alone, fixed_mount_covariance(one_heading, None))
+    assert not level_floor_covariance(in_body, None).any()
+    assert not level_floor_covariance(None, by_inertia(0.02, 1e-4)).any()
+    level = by_inertia(1e-4, 1e-4)
+    assert level_floor_covariance(one_heading, level)[1, 1] < 1e-3 * alone[1, 1]
+    np.testing.assert_array_equal(level_floor_covariance(all_headings, level), alone)
+    assert level_floor_covariance(one_heading, by_inertia(0.02, 1e-4))[1, 1] == pytest.approx(
+        alone[1, 1], rel=1e-3
+    )
+
+
+def test_the_poses_turn_about_the_first_of_their_part() -> None:
+    rng = np.random.default_rng(0)
+    poses = se3.exp(rng.normal(0, 1, (6, 6)))
+    poses[1] = np.nan
+    component = np.array([0, 0, 1, 0, 1, 0])
+    slope = np.array([2e-6, -1e-6, 0.0])
+    told = level_floor_displacements(poses, component, np.outer(slope[:2], slope[:2]))
+    world = np.eye(4)
+    world[:3, :3] = Rotation.from_rotvec(slope).as_matrix()
+    for k in (0, 2, 3, 4, 5):
+        first, turned = poses[2 * component[k], :3, 3], world @ poses[k]
+        turned[:3, 3] += first - world[:3, :3] @ first
+        error = se3.log((se3.inverse(poses[k]) @ turned)[None])[0]
+        assert told[k] @ told[k].T == pytest.approx(np.outer(error, error), abs=1e-16)
+    assert not told[1].any()
+
+
 def without_attitude(flight: Flight) -> Flight:
     return replace(flight, attitude=None)
 
@@ -108,3 +147,12 @@ def test_a_mount_three_degrees_off_is_within_what_is_told(axis: int, without: bo
 def test_a_mount_that_is_right_costs_nothing() -> None:
     told = optimize(flown(2)).covariances
     assert np.degrees(np.sqrt(told[:, :2, :2].max())) < 0.1
+
+
+@pytest.mark.slow
+def test_a_slope_below_what_is_reported_is_within_what_is_told() -> None:
+    """3470 without it."""
+    flight = flown(2, terms={"floor_slope": {"x": 0.02, "y": -0.02}})
+    estimate = optimize(flight)
+    assert estimate.status == "ok"
+    assert evaluate(estimate, flight).nees.pose.mean < 2 * 6
