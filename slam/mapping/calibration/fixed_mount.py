@@ -1,4 +1,4 @@
-"""How uncertain the mount of a camera is that is fixed at its nominal value, and a floor that counts as level.
+"""How uncertain a camera's mount is that is fixed at its nominal value, and a floor that counts as level.
 
 Pictures show how the camera leans against the floor, and not how the body does: a wrong mount turns all
 poses about the camera, and no residual shows it. Nor does one show that the floor slopes, and all poses with

@@ -37,7 +37,6 @@ from slam.mapping.map import Map
 from slam.mapping.obstacles import echoes_in_map, range_contradiction
 from slam.mapping.warnings.accuracy_basis import Shares, scale_warning, vague_lengths_warning
 from slam.mapping.warnings.contradicted_steps import contradicted_step_warnings
-from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.control_points import control_warnings
 from slam.mapping.warnings.floor_doubts import floor_doubt_messages
 from slam.mapping.warnings.gps_offset import offset_remarks
@@ -62,7 +61,7 @@ from slam.mapping.warnings.systematic_warning import (
     systematic_warning,
 )
 from slam.mapping.warnings.unknown_focal import unknown_focal_warning
-from slam.mapping.warnings.wrong_moments import WrongMoments
+from slam.mapping.warnings.wrong_moments import motion_warnings
 
 MOST_STUCK = 0.5
 """Share of equal ranges from which on even a robust estimate of the height follows them."""
@@ -199,8 +198,7 @@ def _motion_warnings(flight: Flight, map_: Map, metric: bool) -> list[Message]:
         return []
     steps = KeyframeSteps.of(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b), metric)
     names = flight.picture_names(flight.frames.stamps_s[map_.observations.frame_index])
-    moments = WrongMoments.of(steps)
-    return contradictions(moments.others) or moments.lines(names)
+    return motion_warnings(steps, names)
 
 
 def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[Message]:

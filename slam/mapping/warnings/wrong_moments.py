@@ -2,13 +2,17 @@
 map in the same steps.
 
 The map of such pictures is consistent in itself, so that its covariances are small; but at the times of
-their stamps the vehicle was elsewhere. Those of another camera or zoom show it at another height.
+their stamps the vehicle was elsewhere. Those of another camera or zoom show it at another height. So do those
+of a floor that repeats, matched with another place.
+
+One instrument alone may fail for a moment, which is no harm. But where such moments are all that it has
+against the map, its other steps show that it is no wrong instrument.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +20,7 @@ from numpy.typing import NDArray
 from frontend.robust import NORMAL
 from slam.core.messages import Message, about
 from slam.core.names import enumerated
+from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.motions import KeyframeSteps, StepMotion
 
 Array = NDArray[np.float64]
@@ -26,17 +31,34 @@ GATE_SIGMAS = 6.0
 those of the recorded ``ardrone2-hybrid`` 2; pictures of another moment make more than 20."""
 GAIN_ERROR = 0.25
 """Share of a step that a gain or a tilt may be wrong by: those of flow and sonar are within a fourth."""
+MOST_SINGLE = 0.1
+"""Largest share of the steps that count as single ones. An instrument that contradicts more is doubted as a
+whole."""
 LEAST_STEPS = 10
 """Fewer steps do not tell the noise of an instrument."""
 
 
+def motion_warnings(steps: KeyframeSteps, names: Sequence[str]) -> list[Message]:
+    """Report instruments that contradict the map as a whole, or else single steps; ``names`` (k,) are those
+    of the keyframes."""
+    by_two = WrongMoments.of(steps)
+    as_a_whole = contradictions(by_two.others)
+    if not as_a_whole:
+        return by_two.lines(names)
+    by_one = replace(by_two, witnesses=1)
+    are_single = by_one.wrong.mean() <= MOST_SINGLE and not contradictions(by_one.others)
+    return by_one.lines(names) if are_single else as_a_whole
+
+
 @dataclass(frozen=True)
 class WrongMoments:
-    """Steps that two instruments contradict."""
+    """Steps that instruments contradict."""
 
     steps: KeyframeSteps
     off: Mapping[str, Mask]
     """(n,) the steps that each instrument contradicts."""
+    witnesses: int = 2
+    """Number of instruments that must contradict a step."""
 
     @staticmethod
     def of(steps: KeyframeSteps) -> WrongMoments:
@@ -51,11 +73,11 @@ class WrongMoments:
 
     @property
     def wrong(self) -> Mask:
-        """(n,) the steps that at least two instruments contradict."""
+        """(n,) the steps that enough instruments contradict."""
         count = np.zeros(len(self.steps.keyframe), dtype=np.int64)
         for mask in self.off.values():
             count += mask
-        return np.asarray(count >= 2)
+        return np.asarray(count >= self.witnesses)
 
     @property
     def others(self) -> KeyframeSteps:
@@ -74,12 +96,13 @@ class WrongMoments:
 
     def _line(self, names: Sequence[str], run: NDArray[np.int64]) -> Message:
         first, last = self.steps.keyframe[run[0], 0], self.steps.keyframe[run[-1], 1]
-        streams = enumerated([stream for stream, mask in self.off.items() if mask[run].any()])
+        streams = [stream for stream, mask in self.off.items() if mask[run].any()]
+        lost = "the instruments lost readings together" if len(streams) > 1 else f"{streams[0]} fails there"
         return about(
             "cam0",
-            f"from {names[first]} to {names[last]} the map moves otherwise than {streams}: pictures "
-            "there are in another order, were not taken when their stamps say, or are of another camera or "
-            "zoom, unless the instruments lost readings together",
+            f"from {names[first]} to {names[last]} the map moves otherwise than {enumerated(streams)}: "
+            "pictures there are in another order, were not taken when their stamps say, are of another "
+            f"camera or zoom, or match another place of a floor that repeats, unless {lost}",
             "such pictures may bend the whole map: correct their stamps or leave them out, and run again",
         )
 
@@ -107,9 +130,12 @@ def deviations(motion: StepMotion) -> Array:
 
 
 def _gain(read: Array, made: Array) -> float:
-    """Return the factor of a reading (n, c) on the map's motion: the median over the steps, by their size."""
+    """Return the factor of a reading (n, c) on the map's motion: the median over the steps, by their size.
+
+    No single step counts more than many others do.
+    """
     size = np.linalg.norm(made, axis=1)
     ratio = (read * made).sum(axis=1) / np.maximum(size**2, 1e-300)
     order = np.argsort(ratio)
-    weight = np.cumsum(size[order])
+    weight = np.cumsum(np.minimum(size, np.quantile(size, 1 - MOST_SINGLE))[order])
     return float(ratio[order][np.searchsorted(weight, 0.5 * weight[-1])])

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from slam.core.flight import Flight
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.motions import KeyframeSteps, StepMotion
-from slam.mapping.warnings.wrong_moments import GATE_SIGMAS, WrongMoments, deviations
+from slam.mapping.warnings.wrong_moments import GATE_SIGMAS, WrongMoments, deviations, motion_warnings
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 
@@ -70,6 +71,22 @@ def test_keyframes_at_another_height_are_named(flight: Flight, odd: list[int]):
     assert all(f"from picture_{max(k - 1, 0)} to" in line for k, line in zip(odd, lines, strict=False))
     assert all("than imu0 and sonar0: " in line and "of another camera or zoom" in line for line in lines)
     assert contradictions(found.others) == []
+
+
+def test_a_false_match_that_only_the_gyro_contradicts_is_named_and_not_the_gyro(flight: Flight):
+    """Over a floor that looks the same from the other side, the map turns half way round in one step."""
+    stamps_s, poses = _way(flight)
+    poses[60:, :3, :3] = Rotation.from_euler("z", np.pi).as_matrix() @ poses[60:, :3, :3]
+    by_gyro = replace(flight, attitude=None, velocity=None, sonar=None)
+    steps = KeyframeSteps.of(by_gyro, stamps_s, poses, True)
+    names = _names(stamps_s)
+    (line,) = map(str, motion_warnings(steps, names))
+    assert line.startswith("cam0: from picture_59 to picture_60 the map moves otherwise than imu0")
+    assert line.count("imu0") == 2
+    mirrored = replace(by_gyro.imu, gyro_rad_s=-by_gyro.imu.gyro_rad_s)
+    wrong = KeyframeSteps.of(replace(by_gyro, imu=mirrored), stamps_s, _way(flight)[1], True)
+    (line,) = map(str, motion_warnings(wrong, names))
+    assert line.startswith("imu0 (gyro): opposite in sign")
 
 
 def test_what_stands_on_the_floor_is_no_wrong_moment(flight: Flight):
