@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from frontend.mosaic.checkpoints import NO_MOSAIC_CHECKPOINTS, MosaicCheckpoints
 from frontend.mosaic.plan import MosaicPlan
+from frontend.mosaic.scratch import PictureScratch
+from frontend.mosaic.view import MosaicView
 from frontend.picture_check import unusable_reason
 from frontend.views import Load
 
@@ -34,9 +36,11 @@ class Pictures:
         max_mb: float = 256,
         is_copy: bool = False,
         checkpoints: MosaicCheckpoints = NO_MOSAIC_CHECKPOINTS,
+        scratch: PictureScratch | None = None,
     ) -> None:
-        """``checkpoints``: what an earlier run found, for the process that hands out the jobs."""
-        self.checkpoints = checkpoints
+        """``checkpoints``: what an earlier run found, for the process that hands out the jobs. ``scratch``:
+        where pictures are kept that are not in memory; None reads them again."""
+        self.checkpoints, self.scratch = checkpoints, scratch
         self._plan, self._load, self.max_mb, self._is_copy = plan, load, max_mb, is_copy
         self._cache: OrderedDict[int, Image] = OrderedDict()
         self._bytes = 0
@@ -47,6 +51,10 @@ class Pictures:
 
     def __reduce__(self) -> tuple[type[Pictures], tuple[MosaicPlan, Load, float, bool]]:
         return Pictures, (self._plan, self._load, self.max_mb, True)
+
+    def over(self, plan: MosaicPlan) -> Pictures:
+        """Return the pictures of another plan, of which those of the same size are not read again."""
+        return Pictures(plan, self._load, self.max_mb, checkpoints=self.checkpoints, scratch=self.scratch)
 
     @property
     def lost(self) -> bool:
@@ -72,6 +80,9 @@ class Pictures:
         view = self._plan.views[index]
         if view.k in self.unusable:
             return None
+        size_px = self._size_px(view)
+        if self.scratch is not None and (kept := self.scratch.recall(view.k, size_px)) is not None:
+            return kept
         picture = self._load(view.k)
         # One with a digest was usable when it was read before.
         known = picture is not None and index in self._digests
@@ -81,12 +92,17 @@ class Pictures:
             return None
         if picture.ndim == 2:
             picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
-        ratio = self._plan.gsd_m / view.gsd_m
-        if ratio > 1.2:
-            h, w = picture.shape[:2]
-            size = (max(2, round(w / ratio)), max(2, round(h / ratio)))
-            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        if picture.shape[1::-1] != size_px:
+            picture = cv2.resize(picture, size_px, interpolation=cv2.INTER_AREA)
+        if self.scratch is not None:
+            self.scratch.keep(view.k, picture)
         return picture
+
+    def _size_px(self, view: MosaicView) -> tuple[int, int]:
+        """Return the (width, height) at which a picture is drawn."""
+        w, h = self._plan.camera.size_px
+        ratio = self._plan.gsd_m / view.gsd_m
+        return (max(2, round(w / ratio)), max(2, round(h / ratio))) if ratio > 1.2 else (w, h)
 
     def _keep(self, index: int, picture: Image) -> None:
         self._cache[index] = picture

@@ -137,15 +137,14 @@ def write_geotiff(
 ) -> None:
     """Write a Cloud-Optimised GeoTIFF to ``path``, complete or not at all.
 
-    Blocks first go into a plain tiled file beside it, since overviews need all of them. A raster of at most
-    ``most_pixels`` has no overviews, which take most of the time.
+    Blocks first go into a plain tiled file beside it, since overviews need all of them. It is not compressed,
+    as it is read but twice. A raster of at most ``most_pixels`` has no overviews: they take most of the time.
 
     Raises ``InputError`` if it cannot be written.
     """
     profile = {
         "driver": "GTiff", "width": grid.width, "height": grid.height, "crs": grid.crs,
         "transform": grid.affine, "tiled": True, "blockxsize": BLOCK_PX, "blockysize": BLOCK_PX,
-        "compress": "deflate", "zlevel": 1, "num_threads": "ALL_CPUS",
         "SPARSE_OK": True, **_RGBA,
     }  # fmt: skip
     with _gdal(path), atomic_file(path) as partial, _scratch(partial) as plain:

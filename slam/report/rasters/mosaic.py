@@ -18,9 +18,9 @@ from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import TOO_FAR, MosaicPlan, plan_mosaic
 from frontend.mosaic.render import measure_exposure, render_tiles
+from frontend.mosaic.scratch import PictureScratch
 from frontend.surface.disagreement import disagreement
 from frontend.surface.misregistration import measure_misregistration
-from frontend.views import Load
 from slam.core.checkpoints import NO_CHECKPOINTS, Checkpoints
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
@@ -44,6 +44,9 @@ MAX_MOSAIC_PIXELS = 60_000_000
 MAX_PNG_PIXELS = 40_000_000
 CACHE_MB = 256
 """Memory for pictures while tiles are rendered."""
+SCRATCH_MB = 900
+"""Disk for pictures that this memory does not hold: 3 bytes for each of ``MAX_MOSAIC_PIXELS``, five times,
+since the pictures of a survey overlap."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +199,6 @@ class _Planned:
 
     plan: MosaicPlan
     pictures: Pictures
-    load: Load
     exposure: Exposure
     origin: GeoOrigin | None
     metric: bool
@@ -235,12 +237,12 @@ def _planned(
             camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out, unit=length
         )
 
-    plan = planned(leave_out)
+    plan, scratch = planned(leave_out), PictureScratch(SCRATCH_MB)
     while True:
-        pictures = Pictures(plan, load, CACHE_MB, checkpoints=jobs)
+        pictures = Pictures(plan, load, CACHE_MB, checkpoints=jobs, scratch=scratch)
         exposure = measure_exposure(plan, pictures, progress)
         if not pictures.unusable:
-            return _Planned(plan, pictures, load, exposure, estimate.origin, estimate.metric, progress)
+            return _Planned(plan, pictures, exposure, estimate.origin, estimate.metric, progress)
         # The area of unusable pictures goes to others, perhaps to some that were not read yet.
         leave_out = leave_out | pictures.unusable
         plan = planned(leave_out)
@@ -261,7 +263,7 @@ def _over_ground(made: _Planned, estimate: Estimate) -> tuple[_Planned, Measured
     The third result is the poses (n, 4, 4) over the plan.
     """
     plan, over_floor = made.plan, estimate.over_floor_T_b
-    ground = measure_ground(plan, made.pictures, made.load, over_floor, estimate.elevation, made.progress)
+    ground = measure_ground(plan, made.pictures, over_floor, estimate.elevation, made.progress)
     if not is_level(estimate, plan, ground):
         level = levelled(ground, plan, estimate)
         return *_planned_over(made, level, estimate, estimate.w_T_b), estimate.w_T_b
@@ -284,7 +286,7 @@ def _planned_over(
         unit(estimate.metric), replace(surface, height_m=surface.height_m - np.float32(lowest_m)), bounds_m,
     )  # fmt: skip
     over = replace(over, note=plan.note, beyond=plan.beyond)
-    pictures = Pictures(over, made.load, CACHE_MB, checkpoints=made.pictures.checkpoints)
+    pictures = made.pictures.over(over)
     exposure = measure_exposure(over, pictures, made.progress)
     over_surface = measure_misregistration(over, pictures, made.progress)
     ground = replace(

@@ -18,7 +18,6 @@ from frontend.surface.build import build_surface
 from frontend.surface.disagreement import Disagreement, disagreement
 from frontend.surface.misregistration import Misregistration, measure_misregistration, seen_by_two
 from frontend.surface.relief import is_better, relief_squares
-from frontend.views import Load
 from slam.core.estimate import GroundFacts
 from slam.core.progress import Progress
 from slam.report.rasters.pits import doubted_pits, lowest_place
@@ -141,7 +140,7 @@ def without_unseen(surface: Surface, plan: MosaicPlan) -> Surface:
 
 
 def measure_ground(
-    plan: MosaicPlan, pictures: Pictures, load: Load, w_T_b: Array,
+    plan: MosaicPlan, pictures: Pictures, w_T_b: Array,
     elevation: Elevation | None, progress: Progress,
 ) -> MeasuredGround:  # fmt: skip
     """Compare the pictures of a mosaic over the floor, and measure the surface where it is not flat.
@@ -154,7 +153,7 @@ def measure_ground(
     if not relief.any():
         return MeasuredGround(over_floor, None, disagreement=disagreement(over_floor, plan))
     all_views = replace(plan, views=plan.all_views(w_T_b))
-    matched = Pictures(all_views, load, pictures.max_mb, checkpoints=pictures.checkpoints)
+    matched = pictures.over(all_views)
     # Where the mosaic needs one picture alone, others may show the ground as well: none was compared there.
     seen = seen_by_two(all_views)
     relief |= seen & ~over_floor.compared

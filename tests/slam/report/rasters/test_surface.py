@@ -49,7 +49,7 @@ def test_ground_that_the_mosaic_shows_once_is_measured_where_other_pictures_show
     whole = plan_mosaic(CAMERA, POSES, floor_z_m, GSD_M / 2)  # enough squares for a decision
     fewer = replace(whole, views=whole.views[:4])
     load = pictures.__getitem__
-    found = measure_ground(fewer, Pictures(fewer, load), load, np.array(POSES), None, silent)
+    found = measure_ground(fewer, Pictures(fewer, load), np.array(POSES), None, silent)
     compared = found.over_floor.compared
     assert (seen_by_two(whole) & ~compared).any()
     source = found.surface.source
