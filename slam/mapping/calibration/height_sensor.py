@@ -83,9 +83,11 @@ def _evidence(stated: RangePrior, map_: Map) -> RangeEvidence | None:
 
 def _other_lengths(map_: Map) -> ScalePrior | None:
     """Return lengths by the accelerometer, where the map was compared with them and does not use them."""
-    if map_.inertial is None or map_.bundle is None or map_.bundle.optimum.problem.scale_prior is not None:
+    if map_.inertial is None or map_.bundle is None:
         return None
-    return map_.inertial.lengths
+    problem = map_.bundle.optimum.problem
+    is_used = problem.scale_prior is not None or problem.inertial is not None
+    return None if is_used else map_.inertial.lengths
 
 
 def _widest(stated: RangePrior) -> RangePrior:

@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 
+from backend.bundle.graph import ScalePrior
 from backend.bundle.range_evidence import RangeEvidence, RangePrior
 from backend.pose_graph.solution import RangeErrors
 from slam.core.flight import Flight
@@ -77,6 +78,26 @@ def test_what_is_as_stated_stays(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_error_that_no_sensor_has_is_not_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     assert chosen(monkeypatch, ZERO_MM, 400.0)[1] is None
     assert chosen(monkeypatch, GAIN_PERCENT, 20.0)[1] is None, "an accelerometer in another unit"
+
+
+@pytest.mark.parametrize("used", [None, "scale_prior", "inertial"])
+def test_lengths_of_an_accelerometer_count_once(monkeypatch: pytest.MonkeyPatch, used: str | None) -> None:
+    given, lengths = [], ScalePrior(0.9, 0.02)
+
+    def evidence(*arguments: object) -> RangeEvidence:
+        given.append(arguments[-1])
+        return RangeEvidence(np.eye(2), np.zeros(2), 1e-4)
+
+    monkeypatch.setattr(height_sensor, "range_evidence", evidence)
+    problem = SimpleNamespace(
+        measurements=SimpleNamespace(ranges=(None,) * 4), scale_prior=None, inertial=None
+    )
+    if used is not None:
+        setattr(problem, used, lengths)
+    bundle = SimpleNamespace(optimum=SimpleNamespace(problem=problem))
+    map_ = cast(Map, SimpleNamespace(bundle=bundle, inertial=SimpleNamespace(lengths=lengths)))
+    assert suspected_ranges(EXACT, map_) is None
+    assert given == [lengths if used is None else None]
 
 
 def test_a_flight_has_the_prior_that_it_is_given() -> None:
