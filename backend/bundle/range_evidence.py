@@ -6,6 +6,8 @@ and their solution is one linear step away: nothing is solved again.
 
 A zero that is held wrong leaves residuals that follow the height, and these count as noise that lasts. The
 noise of the ranges is therefore that of the residuals after the step, in which obstacles and hills remain.
+Where hills rise and fall with the flight, they look like a zero. The height of the ground below each beam,
+which the pictures show, therefore takes part, times a share that is one more variable.
 """
 
 from __future__ import annotations
@@ -13,9 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
+from scipy.spatial import cKDTree
 
+from backend import se3
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE
 from backend.bundle.graph import WORLD, ScalePrior
 from backend.bundle.lens_evidence import design_effect, log_marginal_likelihood
@@ -69,6 +74,11 @@ _EXACT = 1e-5
 """Standard deviation of what is stated as exact."""
 _MOST_PASSES = 5
 """Largest number of linear steps in which the noise of the ranges is found."""
+_NEAREST, _NEAR = 8, 0.25
+"""Floor points whose mean is the height of the ground below a beam, and how far away they are at most, over
+the mean height: half of a beam is 0.2 to 0.35 rad wide."""
+_LEAST_VIEWS = 2
+"""Pictures without which a point has no height."""
 
 
 def range_evidence(
@@ -81,24 +91,17 @@ def range_evidence(
     ``SingularMatrixError`` where the flight leaves a direction open.
     """
     freed = _Freed.of(optimum, widest, lengths)
+    solution = _Solution.of(freed)
     for _ in range(_MOST_PASSES):
-        reduced = freed.linear.eliminate()
-        before_m, freed = freed.noise_m, freed.with_noise_after(reduced)
+        before_m, freed = freed.noise_m, freed.with_noise_after(solution)
+        solution = _Solution.of(freed)
         if abs(np.log(freed.noise_m / before_m)) < TOLERANCE:
             break
-    reduced = freed.linear.eliminate()
-    step = reduced.solve(*freed.linear.gradient)
-    found = freed.off + step[0][freed.columns]
-    by_pose, none = np.zeros((reduced.size, 2)), np.zeros((len(step[1]), 2))
-    by_pose[freed.columns] = np.eye(2)
-    posterior = np.linalg.inv(reduced.solve(by_pose, none)[0][freed.columns])
-    prior = np.diag(freed.std**-2.0)
-    told = RangeEvidence(posterior - prior, posterior @ found, freed.floor_std_m)
-    by_pose[freed.columns, 0] = posterior @ (found - told.errors(stated)[0])
-    change = reduced.solve(by_pose[:, :1], none[:, :1])
-    jacobian, right = freed.linear.jacobian()
-    left = right - jacobian @ np.concatenate(step)
-    effect = design_effect(optimum, np.asarray(jacobian @ np.vstack(change))[:, 0], left)
+    found = freed.off + solution.by_pose[freed.columns]
+    posterior = np.asarray(np.linalg.inv(solution.covariance), np.float64)
+    told = RangeEvidence(posterior - np.diag(freed.std**-2.0), posterior @ found, freed.floor_std_m)
+    influence, left = solution.influence(posterior @ (found - told.errors(stated)[0]))
+    effect = design_effect(optimum, influence, left)
     return replace(told, information=told.information / effect, gradient=told.gradient / effect)
 
 
@@ -119,6 +122,9 @@ class _Freed:
     ranges: tuple[SlantRange, ...]
     noise_m: float
     """That of the ranges in the system."""
+    ground: Array
+    """(rows of the pose side,) derivative of the residuals by the share that the beam hears of the height of
+    the ground below over the floor."""
 
     @staticmethod
     def of(optimum: BundleOptimum, widest: RangePrior, lengths: ScalePrior | None) -> _Freed:
@@ -141,16 +147,101 @@ class _Freed:
         stated_m = float(np.median([r.std_m for r in measured.ranges]))
         weight[rows] = noise_m / stated_m
         linear = _weighted(replace(linear, pose_side_right=right), weight)
-        return _Freed(linear, rows, columns[_SHARED], off, std, floor_std_m, measured.ranges, stated_m)
+        ground = np.zeros(len(weight))
+        ground[rows] = -_ground_below_m(optimum) * linear.pose_side[:, [columns[DATUM]]].toarray()[rows, 0]
+        return _Freed(
+            linear, rows, columns[_SHARED], off, std, floor_std_m, measured.ranges, stated_m, ground
+        )
 
-    def with_noise_after(self, reduced: ReducedSystem) -> _Freed:
+    def with_noise_after(self, solution: _Solution) -> _Freed:
         """Return the system with the noise that the ranges have after its step."""
-        by_pose, _ = reduced.solve(*self.linear.gradient)
-        left = (self.linear.pose_side_right - self.linear.pose_side @ by_pose)[self.rows]
+        left = solution.left_of_pose_side[self.rows]
         noise_m = range_noise(self.ranges, left * self.noise_m * over_typical([r.std_m for r in self.ranges]))
         weight = np.ones(len(self.rows))
         weight[self.rows] = self.noise_m / noise_m
-        return replace(self, linear=_weighted(self.linear, weight), noise_m=noise_m)
+        linear = _weighted(self.linear, weight)
+        return replace(self, linear=linear, noise_m=noise_m, ground=weight * self.ground)
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """The step that solves the system, with the ground below as one more variable, of unit variance."""
+
+    freed: _Freed
+    reduced: ReducedSystem
+    by_pose: Array
+    by_point: Array
+    share: float
+    """Share of the height of the ground below that the beams hear."""
+    per_share: tuple[Array, Array]
+    """Change of the step by the pose side, and by the points, that a share of one takes away."""
+    precision: float
+    """That of the share."""
+
+    @staticmethod
+    def of(freed: _Freed) -> _Solution:
+        reduced, ground = freed.linear.eliminate(), freed.ground
+        step = reduced.solve(*freed.linear.gradient)
+        of_ground = np.asarray(freed.linear.pose_side.T @ ground)
+        taken = reduced.solve(of_ground, np.zeros(len(step[1])))
+        precision = float(1.0 + ground @ ground - of_ground @ taken[0])
+        share = float(ground @ freed.linear.pose_side_right - of_ground @ step[0]) / precision
+        by_pose, by_point = (each - share * away for each, away in zip(step, taken, strict=True))
+        return _Solution(freed, reduced, by_pose, by_point, share, taken, precision)
+
+    @property
+    def left_of_pose_side(self) -> Array:
+        """Right-hand side (rows,) of the pose side after the step."""
+        linear = self.freed.linear
+        return np.asarray(
+            linear.pose_side_right - linear.pose_side @ self.by_pose - self.share * self.freed.ground
+        )
+
+    @property
+    def covariance(self) -> Array:
+        """(2, 2) of gain and zero."""
+        columns, unit = self.freed.columns, np.zeros((self.reduced.size, 2))
+        unit[columns] = np.eye(2)
+        along = self.per_share[0][columns]
+        own = self.reduced.solve(unit, np.zeros((len(self.by_point), 2)))[0][columns]
+        return np.asarray(own + np.outer(along, along) / self.precision)
+
+    def influence(self, weights: Array) -> tuple[Array, Array]:
+        """Return the influence (rows,) of all residuals on the sum of gain and zero with ``weights`` (2,).
+
+        The second result is the residuals (rows,) after the step.
+        """
+        columns, unit = self.freed.columns, np.zeros(self.reduced.size)
+        unit[columns] = weights
+        own = self.reduced.solve(unit, np.zeros(len(self.by_point)))
+        share = -float(weights @ self.per_share[0][columns]) / self.precision
+        change = [each - share * away for each, away in zip(own, self.per_share, strict=True)]
+        jacobian, right = self.freed.linear.jacobian()
+        ground = np.zeros(len(right))
+        ground[len(right) - len(self.freed.ground) :] = self.freed.ground
+        influence = jacobian @ np.concatenate(change) + share * ground
+        left = right - jacobian @ np.concatenate([self.by_pose, self.by_point]) - self.share * ground
+        return np.asarray(influence), np.asarray(left)
+
+
+def _ground_below_m(optimum: BundleOptimum) -> Array:
+    """Return by how much the ground at each range (r,) shortens it: its height over the floor along the beam,
+    the mean of the floor points that are nearest; 0 where none is near."""
+    problem, values, point = optimum.problem, optimum.values, optimum.at.point
+    scale = float(np.exp(values.atVector(WORLD)[LOG_SCALE]))
+    seen = np.bincount(optimum.cost.observations.track, minlength=len(point)) >= _LEAST_VIEWS
+    if not seen.any():
+        return np.zeros(len(problem.measurements.ranges))
+    c_T_b = se3.inverse(problem.b_T_c(values))
+    f_T_c = np.array([values.atPose3(POSE(r.k)).matrix() for r in problem.measurements.ranges])
+    f_T_c[:, :3, 3] *= scale
+    f_T_s = f_T_c @ c_T_b @ np.array([r.b_T_s for r in problem.measurements.ranges])
+    cosine = f_T_s[:, 2, 2]
+    foot_m = f_T_s[:, :2, 3] - f_T_s[:, :2, 2] * (f_T_s[:, 2, 3] / cosine)[:, None]
+    place_m = scale * point[seen]
+    far, nearest = cKDTree(place_m[:, :2]).query(foot_m, _NEAREST, distance_upper_bound=_NEAR * scale)
+    height_m = np.append(place_m[:, 2], 0.0)[nearest]
+    return np.asarray(height_m.sum(axis=1) / np.maximum(np.isfinite(far).sum(axis=1), 1) / cosine)
 
 
 def _weighted(linear: LinearSystem, weight: Array) -> LinearSystem:

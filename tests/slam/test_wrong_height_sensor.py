@@ -22,6 +22,8 @@ UP_AND_DOWN = [
     [1.5, 0.3, HIGH_M],
 ]
 HILL = {"hills": [{"center_m": [0.9, 0.5], "radius_m": 0.45, "height_m": 0.12}]}
+STEPS = {"boxes": [{"center_m": at_m, "size_m": [0.45, 0.45, 0.03]} for at_m in ([0.3, 0.3], [1.5, 0.7])]}
+"""Steps under the low points of the way: the sensor hears them where the flight is low, as it does a zero."""
 
 
 def reading(flight: Flight, zero_m: float) -> Flight:
@@ -57,6 +59,15 @@ def test_a_height_sensor_that_is_exact_as_stated_stays(world: dict[str, object])
     assert estimate.range_errors is not None
     assert estimate.range_errors.zero_prior_std_m == 0
     assert "sonar0" not in estimate.status
+
+
+@pytest.mark.slow
+def test_steps_below_the_low_points_of_a_way_are_no_zero() -> None:
+    higher = [[x, y, z + 0.1] for x, y, z in UP_AND_DOWN]
+    estimate = optimize(flown(43, maneuver={"way_points": higher}, world=STEPS))
+    assert estimate.range_errors is not None
+    assert estimate.range_errors.zero_prior_std_m == 0
+    assert estimate.status == "ok"
 
 
 @pytest.mark.slow

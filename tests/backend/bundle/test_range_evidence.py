@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backend.bundle import range_evidence as module
 from backend.bundle.graph import ScalePrior
 from backend.bundle.range_evidence import RangeEvidence, RangePrior, range_evidence
 from backend.bundle.refinement import refine
@@ -59,6 +60,28 @@ def test_lengths_of_another_instrument_show_a_gain():
     assert by_gain > VERY_STRONG_NATS
     assert by_zero < by_gain
     assert max(gains(told(SCENE, lengths=ScalePrior(1.02, 0.02)))) < STRONG_NATS
+
+
+def test_hills_that_the_beams_hear_are_no_noise_of_the_ranges(monkeypatch: pytest.MonkeyPatch):
+    """What the pictures show of the ground below counts, so that its rise with the flight is no zero."""
+    made = make(replace(SCENE, rolling=0.05, wavelengths=(3.0, 5.0), pixel_std=0.1), 0)
+    place, height = made.point[:, :2], made.point[:, 2]
+    below_m = []
+    for r in made.measurements.ranges:
+        near = np.argsort(np.linalg.norm(place - made.w_T_b[r.k, :2, 3], axis=1))[:8]
+        below_m.append(height[near].mean())
+    ranges = tuple(
+        replace(r, range_m=r.range_m - below)
+        for r, below in zip(made.measurements.ranges, below_m, strict=True)
+    )
+    optimum = refine(replace(made.measurements, ranges=ranges), made.start).optimum
+    found_m = module._ground_below_m(optimum)
+    assert np.corrcoef(found_m, below_m)[0, 1] > 0.9
+    assert np.polyfit(found_m, below_m, 1)[0] == pytest.approx(1.0, abs=0.25)
+    _, (_, with_ground_m) = range_evidence(optimum, EXACT, BOTH).errors(ZERO)
+    monkeypatch.setattr(module, "_ground_below_m", lambda _: np.zeros(len(ranges)))
+    _, (_, without_m) = range_evidence(optimum, EXACT, BOTH).errors(ZERO)
+    assert with_ground_m < 0.7 * without_m
 
 
 @pytest.mark.slow
