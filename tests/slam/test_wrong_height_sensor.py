@@ -41,7 +41,7 @@ def test_two_heights_contradict_a_wrong_zero(zero_m: float) -> None:
     found, result = estimate.range_errors, evaluate(estimate, flight)
     assert found is not None
     assert abs(found.zero_m - zero_m) < 3 * found.zero_std_m < 0.03
-    assert estimate.status.startswith("sonar0: the heights of this flight contradict")
+    assert estimate.status.startswith("sonar0: this flight contradicts what is stated of the height sensor")
     assert "its zero is" in estimate.status
     assert "its gain is" not in estimate.status
     assert "its gain and" in estimate.accuracy_basis

@@ -111,8 +111,9 @@ def test_the_status_names_channel_size_and_next_step() -> None:
     found = RangeErrors(1.0, 1e-5, 0.0613, 0.0042, gain_prior_std=0.0, zero_prior_std_m=0.1)
     line = refuted_ranges_warning(EXACT, found, 0.006)
     assert line.about == "sonar0"
-    assert "its zero is +61 ±\N{NO-BREAK SPACE}4\N{NO-BREAK SPACE}mm, and stated as exact" in line.text
+    assert "its zero is +61 ±\N{NO-BREAK SPACE}4\N{NO-BREAK SPACE}mm (stated as exact)" in line.text
     assert "gain" not in line.text
+    assert "which of both" not in line.text
     assert "known to 0.6\N{NO-BREAK SPACE}%" in line.text
     assert "as datum_std in sonar0/sensor.yaml" in line.next_step
     found = RangeErrors(1.052, 0.011, 0.0, 0.02, gain_prior_std=0.05, zero_prior_std_m=0.02)
@@ -120,6 +121,7 @@ def test_the_status_names_channel_size_and_next_step() -> None:
     assert "its gain is 1.052 ±" in line.text
     assert "stated as ± 1\N{NO-BREAK SPACE}%" in line.text
     assert "stated as ± 5\N{NO-BREAK SPACE}mm" in line.text
+    assert "it does not tell which of both is wrong" in line.text
     assert "as scale_std and datum_std" in line.next_step
 
 
