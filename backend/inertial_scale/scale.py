@@ -53,11 +53,23 @@ _MAX_SCALE_RATIO = 10.0
 """Largest ratio of the scale to its initial guess."""
 _LEAST_RATIO = 1 / _MAX_SCALE_RATIO
 """Smallest one."""
-_LEVEL, _SLOPE = slice(0, SIZE - 2), slice(SIZE - 2, SIZE)
-"""Parameters over a level floor, and those of its slope."""
+_ACROSS, _SLOPE = np.array([1, 2]), np.array([SIZE - 2, SIZE - 1])
+"""Offset across the body's z, and slope of the floor: at one heading they are the same."""
 _LEAST_HZ, _RATE_SLACK = 20.0, 1.05
 """Fewest readings a second, less what clocks and rounded stamps are off. Small vehicles turn at up to 10 Hz:
 slower readings take such turns for slower ones, and lengths are 15 % and more too short."""
+
+
+@dataclass(frozen=True)
+class FloorSlope:
+    """Specific force at rest along x and y of the floor over gravity."""
+
+    rad: tuple[float, float]
+    std_rad: float
+    """Along either axis, the larger of both."""
+
+
+UNKNOWN_SLOPE = FloorSlope((0.0, 0.0), float("inf"))
 
 
 @dataclass(frozen=True)
@@ -82,6 +94,9 @@ class InertialScale:
     """Offset if the floor is level: how the accelerometer leans against the floor, whichever of them is off.
     At one heading, an offset and a slope are the same."""
     level_floor_offset_std_m_s2: tuple[float, float, float]
+    slope: FloorSlope = UNKNOWN_SLOPE
+    slope_without_offset: FloorSlope = UNKNOWN_SLOPE
+    """Slope if the accelerometer has no offset across the body's z."""
     sampling_std: float = 0.0
     """Relative standard deviation of the scale by motion that the readings are too slow for: a third of what
     half as many change. The mean over a step loses an error that grows with the square of the step."""
@@ -218,8 +233,8 @@ def _result(
     # Segments may differ by more than the white noise implies: cluster-robust covariance.
     among = by_segment.T @ by_segment * count / (count - 1)
     std = _standard_deviations(inverse, among)
-    on_level = np.linalg.inv(information[_LEVEL, _LEVEL])
-    over_level = parameters[_LEVEL] + on_level @ information[_LEVEL, _SLOPE] @ parameters[_SLOPE]
+    over_level, over_level_std = _without(_SLOPE, parameters, information, among)
+    no_offset, no_offset_std = _without(_ACROSS, parameters, information, among)
     gain_effect = inverse[0] @ np.einsum(
         "rak,ra,rag->kg", rows.regressors, w, gain_sensitivity, optimize=True
     )
@@ -236,9 +251,30 @@ def _result(
         arm_std_m=triple(std[4:7]),
         gain_slopes=triple(gain_effect / scale),
         level_floor_offset_m_s2=triple(over_level[1:4]),
-        level_floor_offset_std_m_s2=triple(_standard_deviations(on_level, among[_LEVEL, _LEVEL])[1:4]),
+        level_floor_offset_std_m_s2=triple(over_level_std[1:4]),
+        slope=_slope(parameters, std),
+        slope_without_offset=_slope(no_offset, no_offset_std),
         lag=lag,
     )
+
+
+def _without(
+    zero: NDArray[np.int64], parameters: Array, information: Array, among: Array
+) -> tuple[Array, Array]:
+    """Return the parameters (9,) and their standard deviations where those numbered ``zero`` are known to
+    be 0."""
+    free = np.setdiff1d(np.arange(SIZE), zero)
+    within: Array = information[np.ix_(free, free)]
+    inverse: Array = np.asarray(np.linalg.inv(within))
+    found, std = np.zeros(SIZE), np.zeros(SIZE)
+    found[free] = parameters[free] + inverse @ information[np.ix_(free, zero)] @ parameters[zero]
+    std[free] = _standard_deviations(inverse, among[np.ix_(free, free)])
+    return found, std
+
+
+def _slope(parameters: Array, std: Array) -> FloorSlope:
+    x, y = parameters[_SLOPE].tolist()
+    return FloorSlope((x, y), float(std[_SLOPE].max()))
 
 
 def _standard_deviations(inverse: Array, among: Array) -> Array:

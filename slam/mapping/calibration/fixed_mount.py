@@ -41,17 +41,18 @@ def level_floor_covariance(tilt: AttitudeFloorTilt | None, by_inertia: Accelerom
     """Return the covariance (2, 2) of the slope of a floor that counts as level, a rotation about the map's x
     and y in rad.
 
-    Slope and zero of the attitude make it lean as mount and zero do. A lean that turns with the body is none
-    of the floor. An accelerometer that leans less allows no larger slope. Its axes turn with the body, where
-    a slope is on average smaller than in the world, as the lean of the attitude is.
+    Slope and zero of an instrument make it lean as mount and zero do. A lean of the attitude that turns with
+    the body is none of the floor. The accelerometer allows no larger slope than it shows without an offset,
+    and than it shows beside one, which many headings tell from a slope.
     """
-    if tilt is None or tilt.turns_with_body:
-        return np.zeros((2, 2))
-    seen, in_world = [(tilt.in_world, tilt.world_std)], float(np.linalg.norm(tilt.in_world))
-    smaller = min(float(np.linalg.norm(tilt.in_body)) / max(in_world, 1e-12), 1.0)
-    if by_inertia is not None and smaller > 0:
-        lean, std = _lean_of(by_inertia)
-        seen.append((tilt.in_world * np.linalg.norm(lean) / (smaller * in_world), std / smaller))
+    seen = list[tuple[Array, float]]()
+    if tilt is not None:
+        if tilt.turns_with_body:
+            return np.zeros((2, 2))
+        seen.append((tilt.in_world, tilt.world_std))
+    if by_inertia is not None:
+        shown = by_inertia.found.slope_without_offset, by_inertia.found.slope
+        seen += [(np.array(slope.rad), slope.std_rad) for slope in shown]
     return _share(seen)
 
 

@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from backend import se3
+from backend.inertial_scale.scale import UNKNOWN_SLOPE, FloorSlope
 from backend.measurements import GRAVITY_M_S2
 from slam import optimize
 from slam.core.flight import Flight
@@ -59,9 +60,16 @@ def test_an_exact_mount_is_believed_until_a_clear_lean_contradicts_it() -> None:
     )
 
 
-def by_inertia(forward_rad: float, std_rad: float) -> AccelerometerScale:
+def by_inertia(
+    forward_rad: float, std_rad: float, beside_offset: FloorSlope = UNKNOWN_SLOPE
+) -> AccelerometerScale:
     offset, std = (GRAVITY_M_S2 * np.array([x, 0.0, 0.0]) for x in (forward_rad, std_rad))
-    found = SimpleNamespace(level_floor_offset_m_s2=offset, level_floor_offset_std_m_s2=std)
+    found = SimpleNamespace(
+        level_floor_offset_m_s2=offset,
+        level_floor_offset_std_m_s2=std,
+        slope_without_offset=FloorSlope((forward_rad, 0.0), std_rad),
+        slope=beside_offset,
+    )
     return cast("AccelerometerScale", SimpleNamespace(found=found))
 
 
@@ -95,19 +103,16 @@ def test_the_body_turns_about_the_camera() -> None:
 
 
 def test_a_lean_that_does_not_turn_with_the_body_may_be_a_slope() -> None:
-    one_heading = leaning(0.02, 0.0)
-    all_headings = replace(one_heading, in_body=1e-6 * np.ones(2))
-    in_body = replace(one_heading, world_std=1e-2)
-    alone = level_floor_covariance(one_heading, None)
-    np.testing.assert_array_equal(alone, fixed_mount_covariance(one_heading, None))
-    assert not level_floor_covariance(in_body, None).any()
-    assert not level_floor_covariance(None, by_inertia(0.02, 1e-4)).any()
-    level = by_inertia(1e-4, 1e-4)
-    assert level_floor_covariance(one_heading, level)[1, 1] < 1e-3 * alone[1, 1]
-    np.testing.assert_array_equal(level_floor_covariance(all_headings, level), alone)
-    assert level_floor_covariance(one_heading, by_inertia(0.02, 1e-4))[1, 1] == pytest.approx(
-        alone[1, 1], rel=1e-3
-    )
+    lean, inertial = leaning(0.02, 0.0), by_inertia(0.02, 1e-4)
+    alone = level_floor_covariance(lean, None)
+    np.testing.assert_array_equal(alone, fixed_mount_covariance(lean, None))
+    assert not level_floor_covariance(replace(lean, world_std=1e-2), None).any()
+    assert level_floor_covariance(lean, by_inertia(1e-4, 1e-4))[1, 1] < 1e-3 * alone[1, 1]
+    for tilt in (lean, None):
+        assert level_floor_covariance(tilt, inertial)[1, 1] == pytest.approx(alone[1, 1], rel=1e-3)
+    turning = by_inertia(0.02, 1e-4, beside_offset=FloorSlope((1e-4, 0.0), 1e-4))
+    assert level_floor_covariance(None, turning)[1, 1] < 1e-3 * alone[1, 1]
+    assert not level_floor_covariance(None, None).any()
 
 
 def test_the_poses_turn_about_the_first_of_their_part() -> None:
@@ -150,9 +155,13 @@ def test_a_mount_that_is_right_costs_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_a_slope_below_what_is_reported_is_within_what_is_told() -> None:
-    """3470 without it."""
-    flight = flown(2, terms={"floor_slope": {"x": 0.02, "y": -0.02}})
+@pytest.mark.parametrize("heading", ["fixed", "along_path"])
+@pytest.mark.parametrize("without", [False, True])
+def test_a_slope_below_what_is_reported_is_within_what_is_told(heading: str, without: bool) -> None:
+    """3470 without it, but with attitude and many headings."""
+    slope = {"floor_slope": {"x": 0.02, "y": -0.02}}
+    flight = flown(2, maneuver={"heading": heading}, terms=slope)
+    flight = without_attitude(flight) if without else flight
     estimate = optimize(flight)
     assert estimate.status == "ok"
     assert evaluate(estimate, flight).nees.pose.mean < 2 * 6
