@@ -67,7 +67,7 @@ def refuted_lens_warning(
     line = _described(found, declared, height_m, metric, camera_file)
     lens = "an equidistant fisheye" if used.lens == "equidistant" else "a lens with distortion"
     return line.extended(
-        f"so was the map with it, and this one has {lens} instead, as estimated from the pictures"
+        f"that is of a map with the declared lens: this one has {lens} instead, as the pictures show it"
     )
 
 

@@ -86,7 +86,9 @@ def test_an_error_inside_the_covariances_is_reported_for_positions_alone() -> No
 def test_a_refuted_lens_is_told_with_its_errors_where_the_covariances_include_them() -> None:
     inside = replace(RADIAL, excess=0.9)
     line = refuted_lens_warning(inside, CAMERA, CAMERA, 50.0, True, "cam0/sensor.yaml")
-    assert "a lens distortion other than the declared one" in line.text.split("; so was the map with it")[0]
+    declared, used = line.text.split("; that is of a map with the declared lens: ")
+    assert "a lens distortion other than the declared one" in declared
+    assert used.startswith("this one has a lens with distortion")
 
 
 @pytest.mark.parametrize(
