@@ -24,6 +24,10 @@ Array = NDArray[np.float64]
 RotationSinceMiddleRow = Callable[[Array], Array]
 """Map (m,) seconds after the middle row to (m, 3) rotation vectors of the camera since then, camera axes."""
 
+_TURN_S = 0.02
+"""Time before and after the middle row over which a turn is averaged: half of a common read-out time, 0.04 s
+(`backend.bundle.exposure_motion`)."""
+NO_TURN: Array = np.zeros(3)
 _NODE_PX = 32
 """Distance of the pixels at which the displacement of rows is computed: it is smooth, and linear between."""
 _FARTHEST = 10.0
@@ -67,6 +71,14 @@ class RowMotion:
         (s, early), (t, late) = speeds
         # Each speed is the mean up to the other picture, so it holds half-way in time.
         return RowMotion(camera, turned, _plane(corners, (t * early - s * late) / (t - s)))
+
+    def corner_speed(self) -> Array:
+        """Return the speeds (4, 2) of the floor in the corners of the picture as the middle row is exposed,
+        by velocity and turn of the camera, in focal lengths per second."""
+        x = _units(self.camera, self.camera.undistort(self.camera.corners_px))
+        before, after = self.turned(np.array([-_TURN_S, _TURN_S]))
+        rate = np.broadcast_to((after - before) / (2 * _TURN_S), (len(x), 3))
+        return np.asarray(_turning(x, rate) + _of_plane(x, self.plane))
 
     def to_global_shutter(self, pixel: Array) -> Array:
         """Return where undistorted pixels (n, 2) would lie if all rows were exposed with the middle row."""
@@ -138,12 +150,17 @@ def _plane(corners: Array, speed: Array) -> Array:
 
 
 def picture_at_once(
-    picture: NDArray[np.uint8], camera: Camera, w_T_b: Array, floor_z_m: float, moved_m: Array
+    picture: NDArray[np.uint8],
+    camera: Camera,
+    w_T_b: Array,
+    floor_z_m: float,
+    moved_m: Array,
+    turned_rad: Array = NO_TURN,
 ) -> NDArray[np.uint8]:
     """Return a picture of the floor as if all its rows had been exposed with the middle one.
 
     ``moved_m`` (3,): how far the camera moves, in body axes, from the exposure of the first row to that of
-    the last. The floor is the plane z = ``floor_z_m``.
+    the last, and ``turned_rad`` (3,): how it turns meanwhile. The floor is the plane z = ``floor_z_m``.
     """
     w, h = camera.size_px
     columns, rows = (max(2, round(side / _NODE_PX)) for side in (w, h))
@@ -153,7 +170,8 @@ def picture_at_once(
     w_T_c = w_T_b @ camera.b_T_c
     height, fall = w_T_c[2, 3] - floor_z_m, -ray @ w_T_c[2, :3]
     depth = np.where(fall > 1 / _FARTHEST, height / np.maximum(fall, 1 / _FARTHEST), _FARTHEST * height)
-    place, c_moved = depth[:, None] * ray, camera.b_T_c[:3, :3].T @ moved_m
+    place, b_R_c = depth[:, None] * ray, camera.b_T_c[:3, :3]
+    c_moved = moved_m @ b_R_c + np.cross(turned_rad @ b_R_c, place)
     seen = at
     for _ in range(3):
         late = seen[:, 1:] / (h - 1) - 0.5

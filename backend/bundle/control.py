@@ -19,7 +19,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.exposure_motion import ExposureMotion, moved_by_rows
+from backend.bundle.exposure_motion import NO_SHIFT, ExposureMotion, RowShift, row_shifts
 from backend.bundle.factors import FLOOR_Z, LOG_SCALE, SLOPE, WORLD_SIZE, rotation_jacobian, rotation_of
 from backend.bundle.floor_points import intersect_floor
 from backend.bundle.pose_side_factors import PoseSideFactors
@@ -73,9 +73,9 @@ def add_control(
     for number, point in enumerate(points):
         mark = gtsam.noiseModel.Isotropic.Sigma(2, point.std_px * weights.marks)
         views = gtsam.noiseModel.Robust.Create(kernel, mark)
-        by_rows = moved_by_rows(exposure_motion, point.keyframe, point.pixel)
-        for k, pixel, moved in zip(point.keyframe.tolist(), point.pixel, by_rows, strict=True):
-            pose_side.add("mark", view_factor(POSE(k), POINT(number), pixel, views, lens, moved))
+        shifts = row_shifts(exposure_motion, point.keyframe, point.pixel)
+        for k, pixel, shift in zip(point.keyframe.tolist(), point.pixel, shifts, strict=True):
+            pose_side.add("mark", view_factor(POSE(k), POINT(number), pixel, views, lens, shift))
         # An axis with an infinite deviation was not surveyed: it has no weight.
         precisions = gtsam.noiseModel.Diagonal.Precisions((point.std_m * weights.survey) ** -2.0)
         survey = robust(precisions, int(np.isfinite(point.std_m).sum()))
@@ -88,18 +88,19 @@ def view_factor(
     pixel: Array,
     model: gtsam.noiseModel.Base,
     lens: Array | None,
-    moved: Array | float = 0.0,
+    shift: RowShift = NO_SHIFT,
 ) -> gtsam.CustomFactor:
     """Return the factor of a point in a picture: projection minus ``pixel`` (2,).
 
-    ``lens`` (q,) as in `add_control`. ``moved`` (3,): how far the camera was from its pose at the exposure.
+    ``lens`` (q,) as in `add_control`. ``shift``: how the camera had moved on from its pose at the exposure.
     """
     keys = [pose_key, point_key] if lens is not None else [pose_key, point_key, CALIBRATION(0)]
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         numbers = values.atVector(CALIBRATION(0)) if lens is None else lens
-        point = np.asarray(values.atVector(point_key))
-        residual, *found = view(values.atPose3(pose_key).matrix(), point - moved, numbers, pixel)
+        pose = values.atPose3(pose_key).matrix()
+        point = shift.point_at_once(values.atVector(point_key), pose[:3, 3])
+        residual, *found = view(pose, point, numbers, pixel)
         if jacobians is not None:
             for at, J in enumerate(found[: len(keys)]):
                 jacobians[at] = J
@@ -161,12 +162,13 @@ def mark_residuals(
 ) -> Array:
     """Return projections minus pixels over the stated deviations (m, 2), for camera poses (n, 4, 4)."""
     rows = [
-        view(f_T_c[k], np.asarray(values.atVector(POINT(number))) - moved, lens, pixel)[0] / point.std_px
+        view(f_T_c[k], shift.point_at_once(values.atVector(POINT(number)), f_T_c[k, :3, 3]), lens, pixel)[0]
+        / point.std_px
         for number, point in enumerate(points)
-        for k, pixel, moved in zip(
+        for k, pixel, shift in zip(
             point.keyframe.tolist(),
             point.pixel,
-            moved_by_rows(exposure_motion, point.keyframe, point.pixel),
+            row_shifts(exposure_motion, point.keyframe, point.pixel),
             strict=True,
         )
     ]

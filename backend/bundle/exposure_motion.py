@@ -1,11 +1,11 @@
 """Motion of the cameras while the rows of their pictures are exposed one after the other.
 
 A row is exposed later than the middle one by a share of the read-out time, and the camera has moved on by
-then. It counts as a motion along a straight line: how the camera turns meanwhile is not known of photographs.
-Poses are those of the middle row.
+then. It counts as a motion along a straight line, with an even turn. How the camera of photographs turns is
+not known. Poses are those of the middle row.
 
 Source: Vautherin et al. 2016, Photogrammetric accuracy and modeling of rolling shutter cameras (ISPRS Annals
-III-3): their linear model, here without its rotation.
+III-3): their linear model.
 """
 
 from __future__ import annotations
@@ -35,8 +35,10 @@ class ExposureMotion:
 
     f_v: Array
     """(n, 3) velocities in the frame of the pictures, in mean heights per second."""
+    f_turn: Array
+    """(n, 3) angular velocities in the frame of the pictures, in rad/s; 0 of photographs."""
     is_known: NDArray[np.bool_]
-    """(n,) whether the velocity comes from the vehicle or the neighbours."""
+    """(n,) whether the velocity comes from the vehicle, the neighbours, or the frames of a video."""
     own_motion: Array
     """(n, 3) motion from the first row to the last of pictures of unknown velocity, in mean heights, as each
     shows it; 0 of the others. It is no velocity times the read-out time: near a time of 0, such a velocity
@@ -48,13 +50,12 @@ class ExposureMotion:
     is_free: bool
     """Whether a correction of this time is a variable."""
     recorded_px: Array
-    """(m, 2) pixels of the floor points as recorded."""
-
-    def per_second(self, keyframe: NDArray[np.int64], pixel: Array) -> Array:
-        """Return how far (m, 3) the cameras have moved on at the rows of recorded pixels (m, 2), for each
-        second of the read-out time; 0 for pictures of unknown velocity."""
-        known = np.where(self.is_known[:, None], self.f_v, 0.0)
-        return np.asarray(self.since_middle(pixel)[:, None] * known[keyframe])
+    """(m, 2) pixels of the floor points before this correction."""
+    corrected_s: Array
+    """(n,) read-out time by which these are corrected already."""
+    by_second: Array
+    """(m, 3) how far each camera has moved on at the row of a floor point, as that point sees it, for each
+    second of the read-out time; 0 for pictures of unknown velocity."""
 
     def over_rows(self, readout_s: float) -> Array:
         """Return the motion (n, 3) of the cameras from the first row to the last, in mean heights."""
@@ -72,17 +73,40 @@ class ExposureMotion:
         ``point`` (t, 3) and the poses ``f_T_c`` (n, 4, 4) give the depths, ``lens`` (q,) the calibration.
         """
         pixel = np.ascontiguousarray(self.recorded_px)
-        moved = point[track] - moved_by_rows(self, keyframe, pixel)
+        left_s = (self.readout_s - self.corrected_s)[keyframe]
+        own = self.since_middle(pixel)[:, None] * self.own_motion[keyframe]
+        moved = point[track] - left_s[:, None] * self.by_second - own
         each = np.arange(len(track))
         late = residuals(f_T_c, moved, lens, keyframe, each, pixel)
         return np.asarray(pixel + residuals(f_T_c, point, lens, keyframe, track, pixel) - late)
 
 
-def moved_by_rows(motion: ExposureMotion | None, keyframe: NDArray[np.int64], pixel: Array) -> Array:
-    """Return how far (m, 3) cameras were from their poses when the rows of pixels (m, 2) were exposed."""
+@dataclass(frozen=True)
+class RowShift:
+    """How a camera had moved on from its pose when the row of a mark was exposed."""
+
+    moved: Array
+    """(3,)."""
+    turned: Array
+    """(3,) rotation vector."""
+
+    def point_at_once(self, point: Array, place: Array) -> Array:
+        """Return where a camera at ``place`` (3,), its pose, sees a ``point`` (3,) as the row shows it."""
+        return np.asarray(point - self.moved - np.cross(self.turned, point - place))
+
+
+NO_SHIFT = RowShift(np.zeros(3), np.zeros(3))
+
+
+def row_shifts(
+    motion: ExposureMotion | None, keyframe: NDArray[np.int64], pixel: Array
+) -> tuple[RowShift, ...]:
+    """Return how cameras had moved on from their poses at the rows of recorded pixels (m, 2)."""
     if motion is None:
-        return np.zeros((len(keyframe), 3))
-    return np.asarray(motion.since_middle(pixel)[:, None] * motion.over_rows(motion.readout_s)[keyframe])
+        return (NO_SHIFT,) * len(keyframe)
+    late, moved = motion.since_middle(pixel), motion.over_rows(motion.readout_s)
+    turned = motion.readout_s * motion.f_turn
+    return tuple(RowShift(t * moved[k], t * turned[k]) for k, t in zip(keyframe.tolist(), late, strict=True))
 
 
 def add_readout(pose_side: PoseSideFactors, motion: ExposureMotion) -> None:

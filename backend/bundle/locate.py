@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.control import in_metres, on_floor, view
-from backend.bundle.exposure_motion import moved_by_rows
+from backend.bundle.exposure_motion import row_shifts
 from backend.bundle.graph import WORLD
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
@@ -50,11 +50,16 @@ def _located(optimum: BundleOptimum, reduced: ReducedSystem | None, point: Contr
     cameras, huber = Cameras.of(optimum.problem, optimum.values), optimum.problem.config.huber_sigmas
     keyframes, std_px = point.keyframe.tolist(), point.std_px * optimum.noise.marks
     place = on_floor(point, optimum.problem.camera, cameras.f_T_c)
-    by_rows = moved_by_rows(optimum.problem.exposure_motion, point.keyframe, point.pixel)
+    shifts = row_shifts(optimum.problem.exposure_motion, point.keyframe, point.pixel)
     for _ in range(_STEPS):
         views = [
-            view(cameras.f_T_c[k], place - moved, cameras.calibration, pixel)
-            for k, pixel, moved in zip(keyframes, point.pixel, by_rows, strict=True)
+            view(
+                cameras.f_T_c[k],
+                shift.point_at_once(place, cameras.f_T_c[k, :3, 3]),
+                cameras.calibration,
+                pixel,
+            )
+            for k, pixel, shift in zip(keyframes, point.pixel, shifts, strict=True)
         ]
         residual, by_pose, by_point, by_lens = (np.array(part) for part in zip(*views, strict=True))
         distance = np.linalg.norm(residual, axis=1) / std_px

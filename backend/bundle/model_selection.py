@@ -40,16 +40,16 @@ def solve_best_model(
 def _with_rolling_shutter(
     solved: Solved, test: ReadoutTest | None, start: gtsam.Values, on_step: OnStep | None
 ) -> tuple[Solved, ReadoutTest] | None:
-    """Return the rounds with the read-out time as a variable, and their test; None for a global shutter."""
+    """Return the rounds with the read-out time as a variable, and their test; None where it stays fixed."""
     try:
         freed = freed_readout(solved.optimum, test)
         if freed is None:
             return None
         rolling = _solved_again(solved, *freed, start, on_step)
         found = readout_test(rolling.optimum)
-    except BackendError:  # a read-out time without a solution is no evidence against a global shutter
+    except BackendError:  # a read-out time without a solution is no evidence against the fixed one
         return None
-    return (rolling, found) if found is not None and found.is_rolling else None
+    return (rolling, found) if found is not None and found.refutes_fixed else None
 
 
 def _solved_again(

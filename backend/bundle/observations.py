@@ -94,7 +94,7 @@ class FloorObservations:
         prior_std[:, 2] = height_stds(raised, noise) * np.where(raised, 1.0, noise.relief_inflation)
         motion, by_readout = problem.exposure_motion, None
         if motion is not None and motion.is_free:
-            by_readout = motion.per_second(tracks.keyframe[number], motion.recorded_px[number])
+            by_readout = motion.by_second[number]
         return FloorObservations(
             number=number,
             keyframe=np.asarray(tracks.keyframe[number], dtype=np.int64),

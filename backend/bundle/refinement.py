@@ -57,7 +57,7 @@ from backend.bundle.minimise import BundleOptimum
 from backend.bundle.model_selection import solve_best_model
 from backend.bundle.noise import start_noise
 from backend.bundle.reported.graph import ReportedPart
-from backend.bundle.rolling_shutter import ReadoutEstimate, row_motion_m, with_stated_readout
+from backend.bundle.rolling_shutter import ReadoutEstimate, row_motion, with_known_readout
 from backend.bundle.rounds import Solved, reported_noise
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
@@ -100,6 +100,8 @@ class Bundle:
     """Read-out time of the shutter; None where nothing is known of how the rows were exposed."""
     row_motion_m: Array | None
     """(n, 3) motion of the cameras in body axes from the first row to the last; None for a global shutter."""
+    row_turn_rad: Array | None
+    """(n, 3) how they turn meanwhile; 0 of photographs, and None for a global shutter."""
     b_T_c: Array
     """(4, 4) estimated mount of the camera."""
     mount_std_rad: float
@@ -160,7 +162,7 @@ def refine(
     nominal = start_noise(measurements, config)
     at = _with_heights(problem, start_variables(problem, w_T_b, floor_z_m))
     problem, at = _with_motion(problem, at)
-    problem = with_stated_readout(problem, at)
+    problem, at = with_known_readout(problem, at)
     noise = replace(
         noise or nominal,
         height_m=nominal.height_m,
@@ -255,6 +257,7 @@ def _result(solved: Solved, readout: ReadoutEstimate | None) -> Bundle:
     joint, of_lens, size = _covariances(optimum)
     world_std = np.sqrt(np.diag(joint[0, 6:, 6:]))
     in_world, over_floor = _metric_covariances(problem, joint, values)
+    row_motion_m, row_turn_rad = row_motion(optimum)
     return Bundle(
         w_T_b=metric_poses(problem, values),
         covariances=in_world,
@@ -268,7 +271,8 @@ def _result(solved: Solved, readout: ReadoutEstimate | None) -> Bundle:
         antenna_covariances=_antenna_covariances(problem, joint, values),
         lens=_lens(problem, values, of_lens) if problem.self_calibrates else None,
         readout=readout,
-        row_motion_m=row_motion_m(optimum),
+        row_motion_m=row_motion_m,
+        row_turn_rad=row_turn_rad,
         b_T_c=problem.b_T_c(values),
         mount_std_rad=float(world_std[MOUNT].max()) if problem.camera.mount_std_rad > 0 else 0.0,
         range_errors=_range_errors(problem.measurements, world, joint[0, 6:, 6:]),

@@ -1,15 +1,15 @@
-"""The read-out time of a rolling shutter, as far as the residuals of photographs taken in flight show one.
+"""The read-out time of a rolling shutter, as far as the residuals of pictures taken in motion show one.
 
-Photographs do not tell by what shutter they were taken. The refined map under a global one is therefore
-tested: by the change of all pixels for a second of read-out time, with everything else free to follow it. The
-evidence of a rolling shutter is the ratio of the marginal likelihoods with and without that number, under its
-prior. Residuals of one picture are dependent, so the likelihood counts by its design effect, as in
-`backend.bundle.lens_evidence`. Where the evidence is very strong, the read-out time becomes a variable of the
-refinement; else it is fixed at 0.
+Pictures do not tell by what shutter they were taken. The refined map under a global one, or under the time
+that somebody states, is therefore tested: by the change of all pixels for a second of read-out time, with
+everything else free to follow it. The evidence of another time is the ratio of the marginal likelihoods with
+that number free under its prior, and fixed. Residuals of one picture are dependent, so the likelihood counts
+by its design effect, as in `backend.bundle.lens_evidence`. Where the evidence is very strong, the read-out
+time becomes a variable of the refinement; else it is fixed.
 
-Velocities are those that the vehicle reports, where the map lies on Earth. Others are those between
-neighbours on the map itself, which need no scale. At the ends of strips neither is known. Such a picture
-shows its motion itself.
+The frames of a video show how the camera moves and turns. Velocities of photographs are those that the
+vehicle reports, where the map lies on Earth. Others are those between neighbours on the map itself, which
+need no scale. At the ends of strips neither is known. Such a picture shows its motion itself.
 
 Source: Dickey 1971 (evidence without one of the numbers); Kass and Raftery 1995.
 """
@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
@@ -30,6 +29,7 @@ from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables
 from backend.bundle.lens_evidence import design_effect
 from backend.bundle.minimise import BundleCost, BundleOptimum
 from backend.bundle.observations import Cameras
+from backend.measurements.floor_speed import camera_motion
 from backend.measurements.straight_flight import continued_velocities, straight_velocities
 from backend.significance import VERY_STRONG_NATS
 from backend.sparse_cholesky import SingularMatrixError
@@ -54,19 +54,23 @@ class ReadoutEstimate:
     readout_s: float
     """0 where it is fixed and nobody states it; negative where the last row is exposed first."""
     std_s: float
-    """Standard deviation with which the flight and the prior tell it; 0 where it is stated."""
+    """Standard deviation with which the flight and the prior tell it; 0 where it is fixed as stated."""
     prior_std_s: float
-    """Standard deviation of what was known before the flight, about 0; 0 where it is stated."""
+    """Standard deviation of what was known before the flight, about 0; 0 where it is fixed as stated."""
+    stated_s: float | None
+    """Time that somebody states; None for nobody."""
     is_estimated: bool
     """Whether it was a variable. Otherwise it was fixed."""
     known_velocities: int
-    """Number of pictures of which the vehicle or the neighbours tell the velocity."""
+    """Number of pictures of which the vehicle, the neighbours, or the frames of a video tell the velocity."""
 
 
 @dataclass(frozen=True)
 class ReadoutTest:
-    """Evidence of a rolling shutter."""
+    """Evidence of another read-out time than the fixed one."""
 
+    fixed_s: float
+    """Time that is stated, or 0."""
     readout_s: float
     std_s: float
     """Residuals of one picture are dependent, which counts."""
@@ -74,21 +78,33 @@ class ReadoutTest:
 
     @property
     def log_evidence(self) -> float:
-        """Logarithm of the ratio of the marginal likelihoods with and without a read-out time."""
-        return float(0.5 * (self.readout_s / self.std_s) ** 2 - np.log(PRIOR_STD_S / self.std_s))
+        """Logarithm of the ratio of the marginal likelihoods with a free read-out time and the fixed one.
+
+        It is that of the densities of prior and posterior at the fixed one.
+        """
+        prior, posterior = self.fixed_s / PRIOR_STD_S, (self.readout_s - self.fixed_s) / self.std_s
+        return float(0.5 * (posterior**2 - prior**2) - np.log(PRIOR_STD_S / self.std_s))
 
     @property
-    def is_rolling(self) -> bool:
+    def refutes_fixed(self) -> bool:
         """Whether this evidence is very strong, as it must be with the read-out time as a variable."""
         return self.log_evidence > VERY_STRONG_NATS
 
 
-def with_stated_readout(problem: BundleProblem, at: Variables) -> BundleProblem:
-    """Return the problem with the read-out time that somebody states, which is fixed."""
+def with_known_readout(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, Variables]:
+    """Return problem and variables with the read-out time that somebody states, which is fixed, or with that
+    of an earlier map, which is a variable."""
     exposure = problem.measurements.exposure
-    if exposure is None or exposure.readout_s is None:
-        return problem
-    return _corrected(problem, at, _exposure_motion(problem, at, exposure.readout_s, is_free=False))
+    if exposure is None:
+        return problem, at
+    if exposure.is_refuted:
+        motion = _exposure_motion(problem, at, exposure.corrected_s, is_free=True)
+        if motion.is_known.any():
+            return _with_free_readout(problem, at, motion)
+    if exposure.readout_s is None and exposure.corrected_s == 0:
+        return problem, at
+    at_s = exposure.corrected_s if exposure.is_refuted else exposure.fixed_s
+    return _corrected(problem, at, _exposure_motion(problem, at, at_s, is_free=False)), at
 
 
 def corrected_rows(
@@ -115,17 +131,17 @@ def corrected_rows(
 
 
 def readout_test(optimum: BundleOptimum) -> ReadoutTest | None:
-    """Return the evidence of a rolling shutter at the noise of a map; None where its read-out time is stated,
-    no picture is known to move, or the flight leaves a direction open.
+    """Return the evidence of another read-out time than the fixed one at the noise of a map; None where no
+    picture is known to move, or the flight leaves a direction open.
 
-    The map was made for a global shutter, or with the read-out time as a variable.
+    The map was made with the fixed time, or with it as a variable.
     """
     problem = optimum.problem
-    motion, at = problem.exposure_motion, optimum.at
-    if problem.measurements.exposure is None or (motion is not None and not motion.is_free):
+    motion, at, exposure = problem.exposure_motion, optimum.at, problem.measurements.exposure
+    if exposure is None:
         return None
-    if motion is None:
-        motion = _exposure_motion(problem, at, 0.0, is_free=True)
+    if motion is None or not motion.is_free:
+        motion = _exposure_motion(problem, at, motion.readout_s if motion else 0.0, is_free=True)
         if not motion.is_known.any():
             return None
         problem, at = _with_free_readout(problem, at, motion)
@@ -146,7 +162,7 @@ def readout_test(optimum: BundleOptimum) -> ReadoutTest | None:
     # The prior is no residual of the pictures.
     precision = (1.0 / float(change[0][columns][0, 0]) - PRIOR_STD_S**-2.0) / effect
     readout_s = found * (precision + PRIOR_STD_S**-2.0 / effect) / (precision + PRIOR_STD_S**-2.0)
-    return ReadoutTest(readout_s, (precision + PRIOR_STD_S**-2.0) ** -0.5, motion)
+    return ReadoutTest(exposure.fixed_s, readout_s, (precision + PRIOR_STD_S**-2.0) ** -0.5, motion)
 
 
 def _doubting_cost(problem: BundleProblem, optimum: BundleOptimum, at: Variables) -> BundleCost:
@@ -162,12 +178,13 @@ def _doubting_cost(problem: BundleProblem, optimum: BundleOptimum, at: Variables
 
 
 def freed_readout(optimum: BundleOptimum, test: ReadoutTest | None) -> tuple[BundleProblem, Variables] | None:
-    """Return problem and variables with the read-out time as a variable; None without any evidence for it.
+    """Return problem and variables with the read-out time as a variable; None without any evidence for it, or
+    where it is one already.
 
-    A map with the wrong shutter has so much noise that its evidence is weak: `ReadoutTest.is_rolling` of
+    A map with the wrong shutter has so much noise that its evidence is weak: `ReadoutTest.refutes_fixed` of
     the solved one decides.
     """
-    if test is None or test.log_evidence <= 0:
+    if test is None or test.log_evidence <= 0 or optimum.problem.estimates_readout:
         return None
     return _with_free_readout(optimum.problem, optimum.at, replace(test.motion, readout_s=test.readout_s))
 
@@ -186,28 +203,30 @@ def readout_estimate(optimum: BundleOptimum, test: ReadoutTest | None) -> Readou
 
     ``test`` is that of the map, or of another one that is not believed.
     """
-    motion = optimum.problem.exposure_motion
+    motion, exposure = optimum.problem.exposure_motion, optimum.problem.measurements.exposure
+    stated_s = None if exposure is None else exposure.readout_s
     if motion is None:
         if test is None:
             return None
-        return ReadoutEstimate(0.0, test.std_s, PRIOR_STD_S, False, _known(test.motion))
+        return ReadoutEstimate(0.0, test.std_s, PRIOR_STD_S, stated_s, False, _known(test.motion))
     if not motion.is_free or test is None:
-        return ReadoutEstimate(motion.readout_s, 0.0, 0.0, False, _known(motion))
+        return ReadoutEstimate(motion.readout_s, 0.0, 0.0, stated_s, False, _known(motion))
     readout_s = _readout_s(motion, optimum.values)
-    return ReadoutEstimate(readout_s, test.std_s, PRIOR_STD_S, True, _known(motion))
+    return ReadoutEstimate(readout_s, test.std_s, PRIOR_STD_S, stated_s, True, _known(motion))
 
 
-def row_motion_m(optimum: BundleOptimum) -> Array | None:
-    """Return the motion (n, 3) of the cameras in body axes from the exposure of the first row to that of the
-    last; None for a global shutter."""
+def row_motion(optimum: BundleOptimum) -> tuple[Array | None, Array | None]:
+    """Return how far the cameras move (n, 3), in metres, and how they turn (n, 3), in rad, in body axes, from
+    the exposure of the first row to that of the last; None for a global shutter."""
     problem, motion = optimum.problem, optimum.problem.exposure_motion
     if motion is None:
-        return None
+        return None, None
     f_T_c = Cameras.of(problem, optimum.values).f_T_c
     scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
-    moved = scale * motion.over_rows(_readout_s(motion, optimum.values))
+    readout_s = _readout_s(motion, optimum.values)
     b_R_f = problem.b_T_c(optimum.values)[:3, :3] @ np.swapaxes(f_T_c[:, :3, :3], 1, 2)
-    return np.asarray(np.einsum("nab,nb->na", b_R_f, moved))
+    moved = np.einsum("nab,nb->na", b_R_f, scale * motion.over_rows(readout_s))
+    return moved, np.einsum("nab,nb->na", b_R_f, readout_s * motion.f_turn)
 
 
 def _readout_s(motion: ExposureMotion, values: gtsam.Values) -> float:
@@ -225,18 +244,39 @@ def _exposure_motion(
     """Return the motion by the poses found; pictures of unknown motion first count as flown on evenly."""
     measured, tracks = problem.measurements, problem.tracks
     assert measured.exposure is not None
-    place = np.array([at.values.atPose3(POSE(k)).translation() for k in range(measured.count)])
-    velocity = straight_velocities(measured.stamps_s, place)
-    if measured.placed:
-        world = at.values.atVector(WORLD)
-        reported = measured.exposure.w_v_m_s @ rotation_of(world, SLOPE) / np.exp(world[LOG_SCALE])
-        velocity = np.where(np.isfinite(reported), reported, velocity)
+    f_T_c = Cameras.of(problem, at.values).f_T_c
+    place = f_T_c[:, :3, 3]
+    velocity, f_turn, corrected_s = _known_motion(problem, at, f_T_c)
     is_known = np.asarray(np.isfinite(velocity).all(axis=1))
     before = problem.exposure_motion
     recorded_px = np.asarray(tracks.pixel, dtype=float) if before is None else before.recorded_px
     f_v = continued_velocities(measured.stamps_s, place, velocity)
     own = np.where(is_known[:, None], 0.0, readout_s * f_v)
-    return ExposureMotion(f_v, is_known, own, measured.exposure.rows, readout_s, is_free, recorded_px)
+    rows = measured.exposure.rows
+    late = recorded_px[:, 1:] / (rows - 1) - 0.5
+    turned = np.cross(f_turn[tracks.keyframe], at.point[tracks.track] - place[tracks.keyframe])
+    by_second = late * (np.where(is_known[:, None], f_v, 0.0)[tracks.keyframe] + turned)
+    return ExposureMotion(
+        f_v, f_turn, is_known, own, rows, readout_s, is_free, recorded_px, corrected_s, by_second
+    )
+
+
+def _known_motion(problem: BundleProblem, at: Variables, f_T_c: Array) -> tuple[Array, Array, Array]:
+    """Return velocities (n, 3) of the cameras, NaN where they are not known, angular velocities (n, 3), and
+    the read-out times (n,) that the pixels are corrected by already."""
+    measured = problem.measurements
+    exposure, n = measured.exposure, len(f_T_c)
+    assert exposure is not None
+    if exposure.floor_speed is not None and exposure.xy is not None:
+        f_v, f_turn = camera_motion(f_T_c, exposure.xy, exposure.floor_speed)
+        is_known = np.isfinite(f_v).all(axis=1)
+        return f_v, np.nan_to_num(f_turn), np.where(is_known, exposure.corrected_s, 0.0)
+    velocity = straight_velocities(measured.stamps_s, f_T_c[:, :3, 3])
+    if measured.placed:
+        world = at.values.atVector(WORLD)
+        reported = exposure.w_v_m_s @ rotation_of(world, SLOPE) / np.exp(world[LOG_SCALE])
+        velocity = np.where(np.isfinite(reported), reported, velocity)
+    return velocity, np.zeros((n, 3)), np.zeros(n)
 
 
 def _with_own_motion(cost: BundleCost, at: Variables, motion: ExposureMotion) -> ExposureMotion:

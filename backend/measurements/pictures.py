@@ -70,7 +70,7 @@ class FloorTracks:
 
 @dataclass(frozen=True)
 class RowExposure:
-    """Photographs of which the rows may be exposed one after the other, from the top to the bottom."""
+    """Pictures of which the rows may be exposed one after the other, from the top to the bottom."""
 
     rows: int
     """Height of a picture in pixels."""
@@ -78,10 +78,27 @@ class RowExposure:
     """Time from the exposure of the first row to that of the last; None where nobody states it."""
     w_v_m_s: Array
     """(n, 3) velocity at each exposure, east, north and up, as the vehicle reports it; NaN without."""
+    corrected_s: float = 0.0
+    """Read-out time by which the pixels of the tracks are corrected already, in pictures with a known
+    ``floor_speed``."""
+    is_refuted: bool = False
+    """Whether an earlier map has refuted the stated time, or 0 where none is stated: the time is then a
+    variable from the start, which begins at ``corrected_s``."""
+    xy: Array | None = None
+    """(4, 2) directions in the picture at depth 1."""
+    floor_speed: Array | None = None
+    """(n, 4, 2) speeds of what is seen in the directions ``xy`` of the frames of a video, at depth 1 per
+    second, turns of the camera included; NaN where unknown. None for photographs."""
+
+    @property
+    def fixed_s(self) -> float:
+        """Time that holds unless the pictures refute it."""
+        return self.readout_s or 0.0
 
     def of_keyframes(self, members: Sequence[int]) -> RowExposure:
         """Return the same of some keyframes."""
-        return replace(self, w_v_m_s=self.w_v_m_s[list(members)])
+        speed = None if self.floor_speed is None else self.floor_speed[list(members)]
+        return replace(self, w_v_m_s=self.w_v_m_s[list(members)], floor_speed=speed)
 
 
 @dataclass(frozen=True)

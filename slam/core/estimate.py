@@ -190,6 +190,9 @@ class Estimate:
     row_motion_m: Array | None = None
     """(n, 3) motion of each camera in body axes from the exposure of the first row of its picture to that of
     the last, NaN where unknown; None for a global shutter."""
+    row_turn_rad: Array | None = None
+    """(n, 3) how each camera turns meanwhile, as a rotation vector; 0 of photographs, of which it is not
+    known, and None for a global shutter and in files of earlier versions."""
     scale_std: float | None = None
     """Relative standard deviation that all lengths share; None where the scale is not observed."""
     middle_std_m: float | None = None

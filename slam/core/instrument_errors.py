@@ -145,18 +145,22 @@ class LensNumber:
 
 @dataclass(frozen=True)
 class RollingShutter:
-    """Time from the exposure of the first row of a photograph to that of the last."""
+    """Time from the exposure of the first row of a picture to that of the last."""
 
     readout_s: float
     """0 where it is fixed and nobody states it; negative where the last row is exposed first."""
     std_s: float
-    """Standard deviation with which the flight tells it, also where it is fixed; 0 where it is stated."""
+    """Standard deviation with which the flight tells it, also where it is fixed; 0 where it is fixed as
+    stated."""
     told_std_s: float
-    """Standard deviation of what was known before the flight, about 0; 0 where it is stated."""
+    """Standard deviation of what was known before the flight, about 0; 0 where it is fixed as stated."""
     estimated: bool
-    """Whether the pictures show a rolling shutter: its time is then a free parameter, else fixed."""
+    """Whether the pictures show another time than the stated one, or than 0: it is then a free parameter,
+    else fixed."""
     known_velocities: int
-    """Number of pictures of which the vehicle or the neighbours tell the velocity."""
+    """Number of pictures of which the vehicle, the neighbours or the frames of a video tell the velocity."""
+    stated_s: float | None = None
+    """Time that ``cam0/sensor.yaml`` states; None where it states none."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +197,7 @@ class InstrumentErrors:
     antenna: AntennaPlace | None = None
     """None where the antenna's place was fixed at what is told."""
     rolling_shutter: RollingShutter | None = None
-    """None for pictures that are no photographs, and where no velocity is known."""
+    """None where no velocity is known."""
 
 
 NOTHING_KNOWN = InstrumentErrors(None, None)

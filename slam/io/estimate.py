@@ -11,6 +11,7 @@ arrays for n keyframes, m edges, l loops and t points of the ground are:
 | ground_covariances | (n, 6, 6) | of the ground in a picture; none where the lens was fixed |
 | joint_errors | (n, 6, s) | right perturbation by each error that poses share; none without a refinement |
 | row_motion | (n, 3) | motion in body axes from the first row to the last; none for a global shutter |
+| row_turn | (n, 3) | turn meanwhile, as a rotation vector in body axes |
 | component, frame_index | (n,) int64 | |
 | frame_names | (n,) text | |
 | edge_ij, edge_i_T_j, edge_covariance, edge_kind | (m, 2) int64, (m, 4, 4), (m, 6, 6), (m,) text | |
@@ -88,6 +89,7 @@ def _pack(estimate: Estimate) -> bytes:
         ground_covariances=LATER["ground_covariances"] if ground is None else ground,
         joint_errors=LATER["joint_errors"] if shared is None else shared.astype(np.float32),
         row_motion=LATER["row_motion"] if rows is None else rows,
+        row_turn=LATER["row_turn"] if estimate.row_turn_rad is None else estimate.row_turn_rad,
         chain_w_T_b=estimate.chain_w_T_b,
         odometry_w_T_b=estimate.odometry_w_T_b,
         component=np.asarray(estimate.component, dtype=np.int64),
@@ -195,6 +197,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         ground_covariances=arrays["ground_covariances"] if len(arrays["ground_covariances"]) else None,
         joint_errors=arrays["joint_errors"].astype(float) if len(arrays["joint_errors"]) else None,
         row_motion_m=arrays["row_motion"] if len(arrays["row_motion"]) else None,
+        row_turn_rad=arrays["row_turn"] if len(arrays["row_turn"]) else None,
         component=arrays["component"],
         camera=None if camera is None else _camera(camera),
         floor_z_m=float(record["floor_z_m"]),

@@ -33,6 +33,7 @@ SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
     "ground_covariances": ("g", (6, 6), "f"),
     "joint_errors": ("s", (6, ANY), "f"),
     "row_motion": ("r", (3,), "f"),
+    "row_turn": ("u", (3,), "f"),
     "chain_w_T_b": ("n", (4, 4), "f"),
     "odometry_w_T_b": ("n", (4, 4), "f"),
     "component": ("n", (), "i"),
@@ -63,6 +64,7 @@ LATER = {
     "ground_covariances": np.zeros((0, 6, 6)),
     "joint_errors": np.zeros((0, 6, 0)),
     "row_motion": np.zeros((0, 3)),
+    "row_turn": np.zeros((0, 3)),
 }
 """Arrays that files of earlier versions lack -> what stands for them; an empty one for what is not known."""
 
@@ -118,6 +120,7 @@ def _check(arrays: dict[str, NDArray[Any]]) -> None:
         "g": len(arrays["stamps"]) if len(arrays["ground_covariances"]) else 0,
         "s": len(arrays["stamps"]) if len(arrays["joint_errors"]) else 0,
         "r": len(arrays["stamps"]) if len(arrays["row_motion"]) else 0,
+        "u": len(arrays["stamps"]) if len(arrays["row_turn"]) else 0,
     }
     for name, (per, row, kind) in SHAPES.items():
         found = arrays[name]

@@ -36,7 +36,7 @@ from slam.mapping.calibration.clock_offset import clock_errors
 from slam.mapping.calibration.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.calibration.lens import lens_numbers
 from slam.mapping.calibration.refuted import is_fixed_lens_suspect
-from slam.mapping.calibration.shutter import rolling_shutter, row_motion_m
+from slam.mapping.calibration.shutter import rolling_shutter, row_motion
 from slam.mapping.calibration.velocity_errors import velocity_errors, velocity_warning
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context
@@ -88,6 +88,7 @@ def build_estimate(
     kept = _kept_edges(map_)
     by_instruments = [velocity_warning(instruments.velocity), barometer_warning(map_.bundle)]
     shares = _information_shares(flight, map_)
+    row_motion_m, row_turn_rad = row_motion(map_)
     said = messages(
         context, map_, not_placed, shared, instruments.mount, shares, (*untested, *by_instruments)
     )
@@ -123,7 +124,8 @@ def build_estimate(
         ground_covariances=_ground_covariances(map_, datum),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
         joint_errors=of_all_poses(map_, displacements),
-        row_motion_m=row_motion_m(map_),
+        row_motion_m=row_motion_m,
+        row_turn_rad=row_turn_rad,
         length_stds=_length_stds(map_),
         middle_std_m=_middle_std_m(map_, datum),
         range_errors=map_.bundle.range_errors if map_.bundle else None,

@@ -13,6 +13,7 @@ from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
 from slam.mapping.calibration.clock_offset import NO_CORRECTION
 from slam.mapping.calibration.refuted import Refuted
+from slam.mapping.calibration.rolling_shutter import frames_exposure
 from slam.mapping.config import PipelineConfig
 from slam.mapping.control_points import surveyed_in_world
 from slam.mapping.front_end import FrontEnd, Observations
@@ -92,6 +93,8 @@ def _at_keyframes(flight: Flight, job: Job, observations: Observations) -> tuple
     """Read the instruments at the keyframes."""
     origin = flight.geo_origin()
     readings = KeyframeReadings.at(flight, observations.stamps_s, origin, job.config)
+    if not flight.all_keyframes:
+        readings = replace(readings, exposure=frames_exposure(observations, job.camera))
     surveyed = surveyed_in_world(flight, origin, observations.frame_index)
     setup = Setup(job.camera, readings, job.config, surveyed)
     bridges = InertialBridges(flight, setup, observations.links, job.config.inertial, job.progress)

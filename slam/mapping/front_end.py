@@ -75,6 +75,8 @@ class Observations:
     """Pairs (i, j) that verified, but that known poses or other pictures contradict."""
     by_instruments: bool = False
     """Whether instruments told tracking where to expect the floor."""
+    corner_speed: Array = field(default_factory=lambda: np.empty((0, 4, 2)))
+    """(n, 4, 2) speed of the floor in the corners of a video's keyframes, focal lengths/s; NaN if unknown."""
     contradicted_steps: tuple[ContradictedStep, ...] = ()
     """Steps of odometry that pairs of pictures contradict by one displacement."""
 
@@ -146,6 +148,7 @@ class FrontEnd:
         self.checkpoints = checkpoints
         self.compared = RegistrationCheckpoints(checkpoints, camera, self.homography, config.gates)
         """Comparisons of an earlier run."""
+        self.tracked: TrackedPictures | None = None  # the result of the last pass over the frames
 
     def tracker(self, look_ahead: bool = True, is_urged: IsUrged = lambda features: False) -> Tracker:
         """Return the tracker of one pass over the frames; ``look_ahead`` and ``is_urged`` as there."""
@@ -191,7 +194,7 @@ class FrontEnd:
 
     def observations(self, tracked: TrackedPictures) -> Observations:
         """Return what tracking found."""
-        flight, tracker = self.flight, tracked.tracker
+        flight, tracker, self.tracked = self.flight, tracked.tracker, tracked
         assert flight.frames is not None
         read = tracked.unreadable | dict(flight.frames.failures)
         unreadable = {k: f"unreadable: {reason}" for k, reason in read.items()}

@@ -163,7 +163,8 @@ def heights_at(barometer: Scalar | None, at_s: Array, floor_std_m: float) -> tup
 
 
 def row_exposure(flight: Flight, at_s: Array) -> RowExposure | None:
-    """How the rows of photographs are exposed, for the pictures at ``at_s`` (n,); None for a video."""
+    """How the rows of photographs are exposed, for the pictures at ``at_s`` (n,); None for a video, whose
+    frames tell it."""
     frames, camera = flight.frames, flight.camera
     if not flight.all_keyframes or frames is None or camera is None:
         return None
@@ -194,8 +195,7 @@ class KeyframeReadings:
     fixes: Fixes | None = None
     """The fixes that ``positions`` come from; None without GPS."""
     exposure: RowExposure | None = None
-    """How the rows of photographs are exposed; None for the pictures of a video, which are corrected before.
-    """
+    """How the rows of the pictures are exposed; None where it is not known how the cameras move."""
 
     def with_fixes(self, agreement: Agreement) -> KeyframeReadings:
         """Return the readings with positions from the fixes that agree with the map alone."""

@@ -25,6 +25,7 @@ from slam.core.turn_units import in_radians
 from slam.mapping.build_estimate import build_estimate, shared_errors
 from slam.mapping.calibration.height_sensor import range_prior
 from slam.mapping.calibration.refuted import FIXABLE, FreeCalibrations, ImplausibleFocal, with_fixed_focal
+from slam.mapping.calibration.shutter import with_found_shutter
 from slam.mapping.checkpoints.refinement import RefinementCheckpoints
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
@@ -175,8 +176,8 @@ def _again(first: _Finished, flight: Flight, free: FreeCalibrations) -> _Finishe
 def _map_without_obstacles(job: Job, flight: Flight, tracked: TrackedPictures | None) -> tuple[Context, Map]:
     """Map the flight, mask the obstacles that the sonar finds on this map, and map it again."""
     masked: Obstacles | None = None
-    context, refined = _first_map(*track(job, flight, no_masks, tracked=tracked))
-    unmasked = context
+    context, refined = _with_shutter(*_first_map(*track(job, flight, no_masks, tracked=tracked)), flight)
+    job, unmasked = context.job, context
     for _ in range(MOST_PASSES):
         poses, stamps_s = refined.of_main(refined.over_floor_T_b), refined.observations.stamps_s
         found = find_obstacles(flight, job.camera, stamps_s, poses, refined.floor_z_m, job.config.masking)
@@ -189,6 +190,25 @@ def _map_without_obstacles(job: Job, flight: Flight, tracked: TrackedPictures | 
         if remapped.main_share < LEAST_LEFT * refined.main_share:
             return context.with_warning(found.unusable_masks_warning), refined
         masked, context, refined = found, again, remapped
+    return context, refined
+
+
+def _with_shutter(context: Context, refined: Map, flight: Flight) -> tuple[Context, Map]:
+    """Map the flight again with the read-out time that the first map has found, where it is a video.
+
+    Its features and its stamps then belong to the middle rows. The pictures are not tracked again.
+    """
+    if flight.all_keyframes:
+        return context, refined
+    for _ in range(MOST_PASSES):
+        camera = with_found_shutter(context.job.camera, refined)
+        if camera is None:
+            break
+        job = replace(context.job, camera=camera)
+        try:
+            context, refined = _first_map(*track(job, flight, no_masks, tracked=context.front_end.tracked))
+        except InputError:  # no pictures join with these rows
+            break
     return context, refined
 
 

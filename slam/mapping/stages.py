@@ -24,7 +24,7 @@ from slam.mapping.calibration.clock_offset import clock_correction, finer_correc
 from slam.mapping.calibration.instrument_clocks import on_one_clock
 from slam.mapping.calibration.picture_turns import tracked_clock
 from slam.mapping.calibration.refuted import FreeCalibrations
-from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
+from slam.mapping.calibration.rolling_shutter import with_row_motion
 from slam.mapping.context import Context, Job
 from slam.mapping.contradicted_odometry import contradicted_step, without_step
 from slam.mapping.earlier_pass import EarlierPass
@@ -67,8 +67,8 @@ def track(
             found = _tracked_clock(flight, job, observations)
         clock = clock_correction(found, observations.stamps_s)
         observations = observations.stamped_by(clock.delays_at)
-        if job.camera.readout_s > 0 and not flight.all_keyframes:
-            observations = correct_rolling_shutter(observations, job.camera, flight.imu, front_end.register)
+        if not flight.all_keyframes:
+            observations = with_row_motion(observations, job.camera, flight.imu, front_end.register)
         _refuse_unless(len(observations.stamps_s) >= 2, flight, observations)
         return _with_neighbours(Context.of(flight, job, front_end, observations), observations, clock)
 

@@ -78,6 +78,8 @@ class Scene:
     readout_s: float = 0.0
     """Time from the exposure of the first row of a picture to that of the last. A picture is taken each
     second."""
+    turn_std_rad_s: float = 0.0
+    """Angular velocity of the camera about each axis meanwhile, by another draw for each picture."""
     stops: tuple[int, ...] = ()
     """Keyframes at which the vehicle is at rest."""
     camera: PinholeModel = CAMERA
@@ -214,13 +216,14 @@ def _tracked(
     speed = 0.05 * h * is_moving * np.array([np.cos(angle), np.sin(angle), 0 * angle])
     rows, velocity = [], np.gradient(f_T_c[:, :3, 3], axis=0)
     velocity[list(scene.stops)] = 0.0
+    turn = camera_turns(scene)
     for k, pose in enumerate(f_T_c):
         c_p = (point + k * speed.T - pose[:3, 3]) @ pose[:3, :3]
         xy = c_p[:, :2] / c_p[:, 2:]
         pixel = _recorded(xy, lens)
         for _ in range(3 if scene.readout_s else 0):
             since_s = scene.readout_s * (pixel[:, 1:] / (scene.size_px[1] - 1) - 0.5)
-            late = c_p - since_s * (velocity[k] @ pose[:3, :3])
+            late = c_p - since_s * (velocity[k] @ pose[:3, :3] + np.cross(turn[k], c_p))
             xy = late[:, :2] / late[:, 2:]
             pixel = _recorded(xy, lens)
         # Beyond 45 degrees Brown's distortion folds points back into the picture: a lens does not see them.
@@ -235,6 +238,12 @@ def _tracked(
     nominal = np.full(len(table), scene.told_pixel_std)
     tracks = FloorTracks(table[:, 0].astype(int), track, table[:, 2:], nominal)
     return tracks, point[number], is_moving[number]
+
+
+def camera_turns(scene: Scene) -> np.ndarray:
+    """Angular velocities (n, 3) in the axes of the camera, in rad/s."""
+    rng = np.random.default_rng(scene.keyframes)
+    return scene.turn_std_rad_s * rng.normal(size=(scene.keyframes, 3))
 
 
 def _waves(xy: np.ndarray, wavelengths: tuple[float, float], rng: np.random.Generator) -> np.ndarray:

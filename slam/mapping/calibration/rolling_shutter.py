@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import RowExposure
 from backend.preintegration.integrals import integrate
 from frontend.camera import Camera
 from frontend.features import Features
@@ -30,11 +31,14 @@ NEAR_S = 0.3
 Register = Callable[[int, int, Features, Features, Expectation | None], Registration]
 
 
-def correct_rolling_shutter(
+def with_row_motion(
     observations: Observations, camera: Camera, imu: Imu | None, register: Register
 ) -> Observations:
-    """Move features to where they would lie if all rows had been exposed with the middle one. Links are
-    registered again; a link that then fails stays as it was."""
+    """Return the observations of a video with the speed of the floor in each keyframe.
+
+    Where the read-out time is known, features are moved to where they would lie if all rows had been exposed
+    with the middle one.
+    """
     neighbours = _neighbours(observations)
     stamps_s = observations.frame_stamps_s
     turned = turning(imu, camera)
@@ -42,7 +46,30 @@ def correct_rolling_shutter(
     def motion_of(frame: int) -> RowMotion:
         return RowMotion.estimate(camera, neighbours[frame], lambda since_s: turned(stamps_s[frame], since_s))
 
-    motions = [motion_of(int(frame)) for frame in observations.frame_index]
+    frames = observations.frame_index.tolist()
+    motions = [motion_of(frame) for frame in frames]
+    speed = [
+        motion.corner_speed() if neighbours[frame] else np.full((4, 2), np.nan)
+        for frame, motion in zip(frames, motions, strict=True)
+    ]
+    observations = replace(observations, corner_speed=np.array(speed).reshape(-1, 4, 2))
+    if camera.readout_s == 0:
+        return observations
+    return _corrected(observations, camera, register, motions, motion_of)
+
+
+def _corrected(
+    observations: Observations,
+    camera: Camera,
+    register: Register,
+    motions: Sequence[RowMotion],
+    motion_of: Callable[[int], RowMotion],
+) -> Observations:
+    """Return the observations with moved features. Links are registered again; a link that then fails stays
+    as it was.
+
+    ``motions`` are those of the keyframes; ``motion_of`` gives that of a frame.
+    """
     store = FeatureStore()
     for k, motion in enumerate(motions):
         features = observations.store[k]
@@ -69,6 +96,23 @@ def correct_rolling_shutter(
         links=links,
         registrations=tuple(link for link in links if link is not None),
         passed=tuple(straight(passed) for passed in observations.passed),
+    )
+
+
+def frames_exposure(observations: Observations, camera: Camera) -> RowExposure | None:
+    """Return how the rows of a video's keyframes are exposed; None where no frames tell how they move."""
+    if not len(observations.corner_speed):
+        return None
+    is_found = camera.stated_readout_s is not None
+    stated_s = camera.stated_readout_s if is_found else camera.readout_s
+    return RowExposure(
+        rows=camera.size_px[1],
+        readout_s=stated_s or None,
+        w_v_m_s=np.full((len(observations.corner_speed), 3), np.nan),
+        corrected_s=camera.readout_s,
+        is_refuted=is_found,
+        xy=camera.rays(camera.undistort(camera.corners_px))[:, :2],
+        floor_speed=observations.corner_speed,
     )
 
 

@@ -30,6 +30,7 @@ from slam.mapping.calibration.clock_offset import (
     disagreement_warning,
 )
 from slam.mapping.calibration.picture_turns import disagreements_left
+from slam.mapping.calibration.shutter import refuted_shutter_warning
 from slam.mapping.context import Context
 from slam.mapping.floor_doubts import floor_doubts
 from slam.mapping.front_end import Observations
@@ -155,6 +156,7 @@ def _reasons(
     antenna = _refuted_antenna(context, map_)
     lines: list[Message | None] = [
         _refuted_lens(context, map_),
+        refuted_shutter_warning(map_.bundle, flight.camera_file),
         antenna if _antenna_is_stated(flight) else None,
         # First, because instruments contradict a map that a lens has bent.
         systematic if systematic is not None and systematic.kind is Kind.REASON else None,

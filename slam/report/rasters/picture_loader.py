@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.rolling_shutter import picture_at_once
+from frontend.rolling_shutter import NO_TURN, picture_at_once
 from slam.core.estimate import Estimate
 from slam.core.streams import Frames, Image
 
@@ -27,7 +27,8 @@ class PictureLoader:
     """(n, 4, 4)."""
     floor_z_m: float
     row_motion_m: Array | None
-    """As in `Estimate`."""
+    row_turn_rad: Array | None
+    """Both as in `Estimate`."""
 
     @staticmethod
     def of(estimate: Estimate, frames: Frames, camera: Camera) -> PictureLoader:
@@ -39,6 +40,7 @@ class PictureLoader:
             estimate.over_floor_T_b,
             estimate.floor_z_m,
             estimate.row_motion_m,
+            estimate.row_turn_rad,
         )
 
     def __call__(self, k: int) -> Image | None:
@@ -47,6 +49,7 @@ class PictureLoader:
         if picture is None or self.row_motion_m is None or picture.shape[1::-1] != self.camera.size_px:
             return picture
         moved_m, pose = self.row_motion_m[k], self.over_floor_T_b[k]
+        turned_rad = NO_TURN if self.row_turn_rad is None else self.row_turn_rad[k]
         if not (np.isfinite(moved_m).all() and np.isfinite(pose).all()):
             return picture
-        return picture_at_once(picture, self.camera, pose, self.floor_z_m, moved_m)
+        return picture_at_once(picture, self.camera, pose, self.floor_z_m, moved_m, turned_rad)

@@ -61,13 +61,14 @@ def lens_text(found: Mapping[str, LensNumber] | None, estimated: bool = True) ->
 
 
 def shutter_text(found: RollingShutter | None) -> str:
-    """Read-out time of photographs, and whether it was estimated, in words."""
+    """Read-out time of the camera, and whether it was estimated, in words."""
     if found is None:
         return ""
     motion = f"the motion of {counted(found.known_velocities, 'picture')}"
     if found.estimated:
         ms = with_error(1e3 * found.readout_s, 1e3 * found.std_s)
-        return f"rolling: {ms} ms from the first row to the last, estimated by {motion}"
+        stated = "" if found.stated_s is None else f"; {1e3 * found.stated_s:.3g} ms are stated"
+        return f"rolling: {ms} ms from the first row to the last, estimated by {motion}{stated}"
     if found.told_std_s == 0:
         return f"rolling: {1e3 * found.readout_s:.3g} ms from the first row to the last, as stated"
     known = f"tells its time to {1e3 * found.std_s:.2g} ms"

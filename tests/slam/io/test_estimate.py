@@ -83,6 +83,7 @@ def full_estimate(seed=0, count=20) -> Estimate:
         ground_covariances=np.tile(0.5 * np.eye(6), (count, 1, 1)),
         joint_errors=np.tile(np.eye(6, 7) / 4, (count, 1, 1)),
         row_motion_m=np.where(np.arange(count)[:, None] < 2, [0.3, 0.01, np.nan], 0.2),
+        row_turn_rad=np.full((count, 3), 0.01),
         middle_std_m=0.25,
         length_stds=((1.0, 0.01, 0.02), (5.0, 0.04, 0.06)),
         floor_points=FloorPoints(np.array([0, 2]), np.eye(3)[:2], np.array([2, 5]), np.full((2, 3), 0.01)),

@@ -13,7 +13,7 @@ from slam.report.rasters.picture_loader import PictureLoader
 from tests.slam.evaluation.scene import estimate_of
 
 CAMERA = Camera((80.0, 80.0), (49.5, 39.5), (100, 80))
-MOVED_M = np.array([0.4, 0.1, 0.0])
+MOVED_M, TURNED_RAD = np.array([0.4, 0.1, 0.0]), np.array([0.02, 0.0, 0.03])
 
 
 def loaders() -> tuple[PictureLoader, PictureLoader, np.ndarray]:
@@ -24,14 +24,16 @@ def loaders() -> tuple[PictureLoader, PictureLoader, np.ndarray]:
     poses[:, 2, 3] = 10.0
     still = replace(estimate_of(poses), camera=CAMERA, frame_index=np.array([2, 1, 0]))
     moved_m = np.array([MOVED_M, np.full(3, np.nan), 2 * MOVED_M])
-    moving = replace(still, row_motion_m=moved_m)
+    moving = replace(still, row_motion_m=moved_m, row_turn_rad=np.tile(TURNED_RAD, (3, 1)))
     return *(PictureLoader.of(each, frames, CAMERA) for each in (moving, still)), pictures
 
 
 def test_rows_are_put_back_where_the_motion_is_known():
     moving, still, pictures = loaders()
     for k, moved_m in ((0, MOVED_M), (2, 2 * MOVED_M)):
-        put_back = picture_at_once(pictures[2 - k], CAMERA, moving.over_floor_T_b[k], 0.0, moved_m)
+        put_back = picture_at_once(
+            pictures[2 - k], CAMERA, moving.over_floor_T_b[k], 0.0, moved_m, TURNED_RAD
+        )
         np.testing.assert_array_equal(moving(k), put_back)
         assert not np.array_equal(put_back, pictures[2 - k])
     np.testing.assert_array_equal(moving(1), pictures[1])

@@ -26,6 +26,8 @@ def test_a_shutter_is_estimated_stated_or_taken_as_global():
     assert words == (
         "rolling: 30.1 ± 1.2 ms from the first row to the last, estimated by the motion of 60 pictures"
     )
+    refuted = RollingShutter(0.0301, 0.0012, 0.04, estimated=True, known_velocities=60, stated_s=0.018)
+    assert shutter_text(refuted).replace(SPACE, " ") == f"{words}; 18 ms are stated"
     fixed = RollingShutter(0.0, 0.0012, 0.04, estimated=False, known_velocities=60)
     assert shutter_text(fixed) == (
         "taken as global: the motion of 60 pictures shows no rolling shutter, and tells its time to 1.2 ms"
