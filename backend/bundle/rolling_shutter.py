@@ -293,7 +293,11 @@ def _with_own_motion(cost: BundleCost, at: Variables, motion: ExposureMotion) ->
     if std == 0.0:
         return motion
     linear = cost.linearise(at, cost.structure(at))
-    reduced, (jacobian, right) = linear.eliminate(), linear.jacobian()
+    try:
+        reduced = linear.eliminate()
+    except SingularMatrixError:  # where the flight leaves a direction open, nothing follows of a motion
+        return motion
+    jacobian, right = linear.jacobian()
     step, seen, own = reduced.solve(*linear.gradient), cost.observations, motion.own_motion.copy()
     right = right - jacobian @ np.concatenate(step)
     late = -motion.since_middle(motion.recorded_px[seen.number])[:, None, None] * linear.seen.of_point

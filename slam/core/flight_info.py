@@ -146,7 +146,7 @@ def anomalies(flight: Flight) -> list[Message]:
         for s in streams
         if s.gaps and not flight.all_keyframes  # photographs hold their readings in their tags
     ]
-    lines += _not_overlapping(streams)
+    lines += _not_overlapping(flight, streams)
     if flight.camera is not None:
         lines += camera_anomalies(flight.camera)
     if flight.sonar is not None:
@@ -166,8 +166,11 @@ def anomalies(flight: Flight) -> list[Message]:
     return lines
 
 
-def _not_overlapping(streams: list[StreamInfo]) -> list[Message]:
-    """Return streams that share little or no time with the pictures, or else with the longest stream."""
+def _not_overlapping(flight: Flight, streams: list[StreamInfo]) -> list[Message]:
+    """Return streams that share little or no time with the pictures, or else with the longest stream.
+
+    Photographs of one set may be days apart: a stream of theirs is judged by how many it covers.
+    """
     if not streams:
         return []
     reference = next((s for s in streams if s.name == "cam0"), max(streams, key=lambda s: s.duration_s))
@@ -185,12 +188,17 @@ def _not_overlapping(streams: list[StreamInfo]) -> list[Message]:
                     f"write its stamps on the clock of {reference.name}",
                 )
             )
-        elif shared < 0.5 * reference.duration_s:
-            part = 100 * shared / reference.duration_s
+            continue
+        share = shared / reference.duration_s if reference.duration_s else 1.0
+        of = f"time of {reference.name}"
+        if flight.all_keyframes and flight.frames is not None:
+            stamps_s = flight.frames.stamps_s
+            share, of = float(np.mean((stamps_s >= s.start_s) & (stamps_s <= s.end_s))), "photographs"
+        if share < 0.5:
             lines.append(
                 about(
                     s.name,
-                    f"covers only {part:.0f} % of the time of {reference.name}",
+                    f"covers only {100 * share:.0f} % of the {of}",
                     "the rest is mapped without it: check whether its recording is complete",
                 )
             )

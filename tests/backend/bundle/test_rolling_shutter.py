@@ -125,6 +125,17 @@ def test_the_rounds_end_when_the_rows_are_settled():
     assert np.sqrt(np.mean(changed**2)) < 0.1
 
 
+def test_pictures_of_unknown_velocity_fly_evenly_where_the_flight_leaves_a_direction_open(made, found):
+    at = found.optimum
+    bare = replace(at.problem.measurements, positions=(), attitudes=(), ranges=())
+    problem = replace(at.problem, measurements=bare)
+    motion = corrected_rows(problem, at.at, at.noise, np.zeros_like(at.used))[0].exposure_motion
+    assert not motion.is_known.all()
+    np.testing.assert_allclose(
+        motion.own_motion[~motion.is_known], motion.readout_s * motion.f_v[~motion.is_known]
+    )
+
+
 def test_velocities_that_the_vehicle_reports_count_where_the_neighbours_tell_none():
     made = photographs(ROLLING, 1)
     # Each picture is taken after a pause of its own.

@@ -19,7 +19,7 @@ from slam.core.flight_info import describe
 from slam.core.instrument_readings import inertial_readings
 from slam.core.messages import about
 from slam.core.stream_anomalies import camera_anomalies, clipping_anomalies
-from slam.core.streams import Imu, Sonar
+from slam.core.streams import Gps, Imu, Sonar
 from slam.io.flight_folder import read_flight
 from tests.slam.io.made_flight import made_flight
 
@@ -183,7 +183,25 @@ def test_streams_that_do_not_overlap_are_reported():
     late = part(flight, "sonar", stamps_s=flight.sonar.stamps_s + 100)
     assert anomalies(late, "sonar0", "does not overlap in time with cam0")
     half = part(flight, "sonar", stamps_s=flight.sonar.stamps_s + 4)
-    assert anomalies(half, "sonar0", "covers only")
+    assert anomalies(half, "sonar0", "covers only", "% of the time of cam0")
+
+
+@pytest.mark.parametrize(("located", "is_told"), [(0.8, False), (0.3, True)])
+def test_photographs_of_another_day_make_no_stream_incomplete(located: float, is_told: bool) -> None:
+    """The last of them has no position; most of the time lies before it."""
+    flight = made_flight()
+    day_s = 86400.0
+    stamps_s = np.append(flight.frames.stamps_s[:-1], day_s)
+    gps_s = stamps_s[: round(located * len(stamps_s))]
+    zeros = np.zeros(len(gps_s))
+    photos = dataclasses.replace(
+        flight,
+        frames=dataclasses.replace(flight.frames, stamps_s=stamps_s),
+        gps=Gps(gps_s, zeros, zeros, zeros),
+        all_keyframes=True,
+    )
+    assert bool(anomalies(photos, "gps0", "covers only 30 % of the photographs")) == is_told
+    assert bool(anomalies(photos, "gps0", "covers only")) == is_told
 
 
 def test_a_noise_of_zero_is_reported():
