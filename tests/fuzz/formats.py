@@ -161,7 +161,7 @@ def settings_text(config: object, table: str = "") -> str:
 
 def _photographs(suffix: str, container: str) -> Format:
     def make(folder: Path) -> list[Path]:
-        fill(folder, {f"P{k}{suffix}": photograph(container) for k in range(2)})
+        fill(folder, {f"P{k}{suffix}": photograph(container, k) for k in range(2)})
         return [folder / f"P1{suffix}"]
 
     def read(folder: Path, _: Path) -> Flight:

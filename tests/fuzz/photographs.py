@@ -30,10 +30,10 @@ TAGS = {
 XMP_TAG = 700
 
 
-def photograph(container: str) -> bytes:
+def photograph(container: str, second: int = 0) -> bytes:
     """A JPEG, PNG or TIFF with all tags that are read; of one colour, so that most of it is tags."""
     gps = {GPS.GPSDateStamp: "2024:05:06", GPS.GPSHPositioningError: IFDRational(2)}
-    tagged = jpeg(tags=TAGS, gps=gps, time="2024:05:06 07:08:20")
+    tagged = jpeg(tags=TAGS, gps=gps, time=f"2024:05:06 07:08:2{second}")
     with Image.open(io.BytesIO(tagged)) as held:
         exif = held.getexif()
     packet, out = xmp(DRONE, CAMERA), io.BytesIO()

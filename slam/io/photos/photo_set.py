@@ -21,6 +21,7 @@ from slam.io.files import refusal
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, body_from_mount, tilt_deg
 from slam.io.photos.bands import band_of, chosen_band
 from slam.io.photos.camera import relative_focal
+from slam.io.photos.copies import REASON, are_copies
 from slam.io.photos.exif import Angles, PhotoTags, read_tags
 from slam.io.photos.ground_in_view import why_no_ground
 from slam.io.photos.position import PhotoPosition
@@ -93,7 +94,7 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
     photos, band_remarks = _of_one_band(photos, band, left_out)
     source = _attitude_source([photo.tags for photo in photos])
     photos = _of_ground([_with_attitude(photo, source) for photo in photos], left_out)
-    photos = _of_one_camera(photos, left_out)
+    photos = _originals(_of_one_camera(photos, left_out), left_out)
     total = len(found.photos) + sum(map(len, found.left_out.values()))
     lines = tuple(
         parsed(f"{len(names)} of {total} photographs left out: {reason} ({listed(names)})")
@@ -226,6 +227,15 @@ def _of_one_camera(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> l
         if reason := kind.difference(used):
             left_out[reason].append(photo.name)
     return groups[used]
+
+
+def _originals(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> list[Photo]:
+    """Return the photographs of one camera without copies."""
+    copies = are_copies([photo.tags for photo in photos], [photo.path.stat().st_size for photo in photos])
+    for photo, is_copy in zip(photos, copies, strict=True):
+        if is_copy:
+            left_out[REASON].append(photo.name)
+    return [photo for photo, is_copy in zip(photos, copies, strict=True) if not is_copy]
 
 
 @dataclass(frozen=True)

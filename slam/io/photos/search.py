@@ -74,17 +74,16 @@ def find_photos(folder: Path) -> FoundPhotos:
     for path in others:
         left_out[f"{_kind(path)} pictures are not read; {NOT_READ[_suffix(path)]}"].append(shown(path.name))
     same = Counter(path.name for path in paths)
-    known: set[object] = set()
+    copies = _copies([path for path in paths if is_inside(path, folder)])
     photos, below = [], 0
     for path in paths:
         inner = path.relative_to(folder)
         name = shown(path.name if same[path.name] == 1 else "_".join(inner.parts))
         if not is_inside(path, folder):
             left_out["a link that leads out of the folder; copy the file into it"].append(name)
-        elif known & (marks := _marks(path, same[path.name] > 1)):
+        elif path in copies:
             left_out["the same file as another photograph"].append(name)
         else:
-            known |= marks
             photos.append((name, path))
             below += len(inner.parts) > 1
     remarks = (
@@ -120,6 +119,27 @@ def _files(folder: Path) -> Iterator[Path]:
 
 def _is_folder_link(path: Path) -> bool:
     return path.is_symlink() and path.is_dir()
+
+
+def _copies(paths: list[Path]) -> set[Path]:
+    """Return the files that are those of others; of these, the one with the shortest name is none."""
+    sizes = Counter(map(_size, paths))
+    known: set[object] = set()
+    copies: set[Path] = set()
+    for path in sorted(paths, key=lambda path: len(str(path))):
+        marks = _marks(path, _size(path) > 0 and sizes[_size(path)] > 1)
+        if known & marks:
+            copies.add(path)
+        known |= marks
+    return copies
+
+
+def _size(path: Path) -> int:
+    """Return the bytes of a file; -1 where they cannot be told."""
+    try:
+        return path.stat().st_size
+    except OSError:
+        return -1
 
 
 def _marks(path: Path, compares_content: bool) -> set[object]:

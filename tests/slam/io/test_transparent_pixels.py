@@ -36,6 +36,6 @@ def test_what_is_no_such_picture_is_passed_over(tmp_path):
 
 def test_photographs_with_a_mask_give_a_warning(tmp_path):
     fill(tmp_path, {})
-    for name in "ab":
-        picture(tmp_path / f"{name}.png", 4, 0)
+    for least, name in enumerate("ab"):
+        picture(tmp_path / f"{name}.png", 4, least)
     assert warned(import_photos(tmp_path), "transparent pixels", "2 of 2")

@@ -111,7 +111,7 @@ def strip(count=3, **kwargs) -> dict[str, bytes]:
     """``count`` photographs 2 s apart, going north."""
     return {
         f"P{k}.jpg": jpeg(
-            **({"time": f"2024:05:06 07:08:{2 * k:02d}", "place": (30 + k * 1e-4, -98.0)} | kwargs)
+            **({"time": f"2024:05:06 07:08:{2 * k:02d}", "place": (30 + k * 1e-4, -98.0), "seed": k} | kwargs)
         )
         for k in range(count)
     }

@@ -219,7 +219,7 @@ def test_of_a_thermal_camera_the_colour_pictures_are_read(tmp_path):
 
 
 def test_a_band_without_a_name_is_called_by_its_number(tmp_path):
-    flight = import_photos(fill(tmp_path, {"IMG_0001_1.tif": jpeg(), "IMG_0001_2.tif": jpeg()}))
+    flight = import_photos(fill(tmp_path, {"IMG_0001_1.tif": jpeg(), "IMG_0001_2.tif": jpeg(seed=1)}))
     assert any(
         line.startswith("band 1 is used; slam import --band reads another: band 2")
         for line in flight.warnings

@@ -76,7 +76,7 @@ def test_attitude_of_some_photographs_only(tmp_path):
 
 @pytest.mark.parametrize("yaw", ["nan", "45,0", "45 deg", "400"])
 def test_an_attitude_that_cannot_be_read_is_told_by_name(tmp_path, yaw):
-    files = {f"{k}.jpg": jpeg(drone=NADIR | {"GimbalYawDegree": yaw}) for k in range(2)}
+    files = {f"{k}.jpg": jpeg(drone=NADIR | {"GimbalYawDegree": yaw}, seed=k) for k in range(2)}
     flight = import_photos(fill(tmp_path, files))
     assert flight.attitude is None
     fault = f"GimbalYawDegree is {yaw}, no angle in degrees"

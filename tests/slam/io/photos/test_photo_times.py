@@ -34,7 +34,7 @@ def test_time_orders_the_photographs_not_their_names(tmp_path):
 
 def test_equal_stamps_are_spread_in_order_of_the_names(tmp_path):
     seconds = {"P9": 0, "P10": 0, "P11": 0, "P12": 1, "P13": 5, "P14": 5}
-    files = {f"{n}.jpg": jpeg(time=f"2024:05:06 07:08:0{s}") for n, s in seconds.items()}
+    files = {f"{n}.jpg": jpeg(time=f"2024:05:06 07:08:0{s}", seed=int(n[1:])) for n, s in seconds.items()}
     flight = import_photos(fill(tmp_path, files))
     assert [name.removesuffix(".jpg") for name in flight.frames.names] == list(seconds)
     assert_allclose(flight.frames.stamps_s, [0, 1 / 3, 2 / 3, 1, 5, 5.5], atol=1e-8)
@@ -64,7 +64,7 @@ def test_satellite_time_where_the_camera_has_none(tmp_path):
     ],
 )
 def test_without_times_the_names_give_the_order(tmp_path, time):
-    files = {f"DJI_{k}.jpg": jpeg(time=time) for k in (9, 10, 100, 1)}
+    files = {f"DJI_{k}.jpg": jpeg(time=time, seed=k) for k in (9, 10, 100, 1)}
     flight = import_photos(fill(tmp_path, files))
     assert flight.frames.names == ("DJI_1.jpg", "DJI_9.jpg", "DJI_10.jpg", "DJI_100.jpg")
     assert flight.frames.stamps_s.tolist() == [0, 1, 2, 3]

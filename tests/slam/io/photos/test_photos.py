@@ -200,7 +200,9 @@ def test_two_cameras_of_one_model_are_told_by_their_serial_numbers(tmp_path, of_
     numbers = ["1ZN", "1ZN", "2AB"]
     tag = ExifTags.Base.BodySerialNumber
     files = {
-        f"P{k}.jpg": jpeg(tags={tag: number}) if of_exif else jpeg(drone={"DroneSerialNumber": number})
+        f"P{k}.jpg": jpeg(tags={tag: number}, seed=k)
+        if of_exif
+        else jpeg(drone={"DroneSerialNumber": number}, seed=k)
         for k, number in enumerate(numbers)
     }
     assert warned(

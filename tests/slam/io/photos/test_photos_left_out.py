@@ -180,3 +180,34 @@ def test_damaged_xmp_is_noted(tmp_path):
     for packet in (b"<x:xmpmeta><broken", bomb):
         flight = import_photos(fill(tmp_path, {"a.jpg": with_xmp(jpeg(), packet)}))
         assert warned(flight, "1 photograph has XMP tags that cannot be read")
+
+
+def test_copies_under_other_names_are_left_out(tmp_path):
+    files = strip(3)
+    files |= {"P1 (1).jpg": files["P1.jpg"], "e1.jpg": b"", "e2.jpg": b""}
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.frames.names == ("P0.jpg", "P1.jpg", "P2.jpg")
+    assert warned(flight, "1 of 6 photographs left out: the same file as another photograph (P1 (1).jpg)")
+    assert warned(flight, "2 of 6 photographs left out: empty file")
+
+
+@pytest.mark.parametrize(
+    ("changed", "is_copy"),
+    [
+        ({}, True),
+        ({"time": "2024:05:06 07:08:03"}, False),
+        ({"place": (30.000101, -98.0)}, False),
+        ({"drone": NADIR | {"GimbalYawDegree": "+1.00"}}, False),
+        ({"drone": None}, False),
+        ({"tags": {Base.FocalLength: IFDRational(9)}}, False),
+    ],
+)
+def test_a_photograph_that_was_saved_again_is_a_copy_by_time_place_and_angles(tmp_path, changed, is_copy):
+    """Without angles, a receiver that repeats its place makes two photographs of one second look the same."""
+    files = strip(3, drone=NADIR)
+    same = {"time": "2024:05:06 07:08:02", "place": (30.0001, -98.0), "drone": NADIR, "seed": 9}
+    plain = np.full((SIZE[1], SIZE[0], 3), 90, np.uint8)  # a smaller file than that of noise
+    files["web.jpg"] = jpeg(**(same | {"pixels": plain} | changed))
+    flight = import_photos(fill(tmp_path, files))
+    assert bool(warned(flight, "1 of 4 photographs left out: time, place and angles", "(web.jpg)")) == is_copy
+    assert len(flight.frames) == 3 + (not is_copy and not changed.get("tags"))
