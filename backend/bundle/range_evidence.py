@@ -91,12 +91,13 @@ def range_evidence(
     ``SingularMatrixError`` where the flight leaves a direction open.
     """
     freed = _Freed.of(optimum, widest, lengths)
-    solution = _Solution.of(freed)
     for _ in range(_MOST_PASSES):
-        before_m, freed = freed.noise_m, freed.with_noise_after(solution)
-        solution = _Solution.of(freed)
+        # The factor is not kept: that of a long flight is as large as all else of its refinement.
+        left = _Solution.of(freed).left_of_pose_side
+        before_m, freed = freed.noise_m, freed.with_noise_of(left)
         if abs(np.log(freed.noise_m / before_m)) < TOLERANCE:
             break
+    solution = _Solution.of(freed)
     found = freed.off + solution.by_pose[freed.columns]
     posterior = np.asarray(np.linalg.inv(solution.covariance), np.float64)
     told = RangeEvidence(posterior - np.diag(freed.std**-2.0), posterior @ found, freed.floor_std_m)
@@ -153,9 +154,9 @@ class _Freed:
             linear, rows, columns[_SHARED], off, std, floor_std_m, measured.ranges, stated_m, ground
         )
 
-    def with_noise_after(self, solution: _Solution) -> _Freed:
-        """Return the system with the noise that the ranges have after its step."""
-        left = solution.left_of_pose_side[self.rows]
+    def with_noise_of(self, left_of_pose_side: Array) -> _Freed:
+        """Return the system with the noise of the ranges that what is ``left_of_pose_side`` (rows,) shows."""
+        left = left_of_pose_side[self.rows]
         noise_m = range_noise(self.ranges, left * self.noise_m * over_typical([r.std_m for r in self.ranges]))
         weight = np.ones(len(self.rows))
         weight[self.rows] = self.noise_m / noise_m
