@@ -215,9 +215,9 @@ def test_each_keyframe_of_a_long_flight_is_compared_with_as_many_as_in_a_short_o
         for count in (1, 10, 200, 10_000):
             front_end.match_overlaps(observations, np.tile(np.eye(4), (count, 1, 1)), 0.0)
     n, each = len(observations.store), CONFIG.retrieval.neighbours
-    assert asked[:5] == [each, 80, 80, 60, 33]
+    assert asked[:5] == [each, 80, 80, 60, 16]
     assert asked[5:10] == [4, min(80, 4 * n), min(80, 4 * n // 10), 4, 4]
-    assert asked[10:] == [each, 20, 20, 20, 20]
+    assert asked[10:] == [each, 20, 20, 20, 16]
 
 
 def test_refused_afterwards_is_refused_with_its_reason():
