@@ -15,7 +15,7 @@ from slam.core.instrument_readings import MAX_GAP_S
 from slam.core.streams import AttitudeSeries, Scalar, Sonar
 from slam.mapping.config import PipelineConfig
 from slam.mapping.gps.consensus import Agreement
-from slam.mapping.gps.fixes import Fixes, fixes_of
+from slam.mapping.gps.fixes import Fixes, fixes_of, nearest
 
 Array = NDArray[np.float64]
 
@@ -196,6 +196,8 @@ class KeyframeReadings:
     """The fixes that ``positions`` come from; None without GPS."""
     exposure: RowExposure | None = None
     """How the rows of the pictures are exposed; None where it is not known how the cameras move."""
+    names: tuple[str, ...] = ()
+    """(n,) names of photographs for messages; empty for other pictures, which have their numbers."""
 
     def with_fixes(self, agreement: Agreement) -> KeyframeReadings:
         """Return the readings with positions from the fixes that agree with the map alone."""
@@ -230,4 +232,13 @@ class KeyframeReadings:
             roll_pitch_rad=roll_pitch,
             roll_pitch_std_rad=std,
             exposure=row_exposure(flight, stamps_s),
+            names=_photograph_names(flight, stamps_s),
         )
+
+
+def _photograph_names(flight: Flight, stamps_s: Array) -> tuple[str, ...]:
+    """Return the names of the photographs at the times ``stamps_s`` (n,); none for other pictures."""
+    frames = flight.frames
+    if frames is None or not flight.all_keyframes:
+        return ()
+    return tuple(frames.names[k] for k in nearest(frames.stamps_s, stamps_s).tolist())

@@ -47,11 +47,13 @@ _NOT_SETTLED = warning(
 )
 
 
-def _not_placed(count: int) -> Message:
-    """Return the warning about a part that no position places."""
+def _not_placed(count: int, fixes: FixComparison | None) -> Message:
+    """Return the warning about a part of ``count`` keyframes that no position places."""
+    why = " (all fixes repeat one place to the last digit)" if fixes and fixes.at_one_place else ""
     return warning(
-        f"{count} keyframes have no usable GPS position: they are in coordinates of their own, not on Earth",
-        "measure within them only",
+        f"{count} keyframes have no usable GPS position{why}: they are in coordinates of their own, "
+        "not on Earth",
+        "measure within them only, or add control points",
     )
 
 
@@ -184,7 +186,7 @@ class _Evidence:
             setup=base.with_fixes(agreement),
         )
         if aligned is None and readings.positions:
-            placed = replace(placed, warnings=(_not_placed(len(members)),))
+            placed = replace(placed, warnings=(_not_placed(len(members), fixes),))
         try:
             followed = control.rough(base.camera, w_T_b, ranged) & placed.georeferenced
             used = _Used(agreement, followed)

@@ -68,6 +68,7 @@ def _stated_measurements(edges: Edges, setup: Setup) -> Measurements:
         relative_poses=edges.relative_poses,
         attitudes=tuple(attitudes),
         ranges=tuple(ranges),
+        names=readings.names,
         length_unit=unit(bool(heights.metric[tied].all())),
     )
 

@@ -49,7 +49,8 @@ def odometry_dispute(problem: Problem, doubted: Mask, agreeing: Mask, probable: 
         return ""
     return (
         f"{np.count_nonzero(agreeing)} loops agree with each other and contradict the odometry from"
-        f" {_span(problem, doubted)}: odometry was believed, and may be what is wrong"
+        f" {_span(problem, doubted)}: odometry was believed, and may be what is wrong; look there, and leave"
+        " out what is blurred or wrong"
     )
 
 

@@ -54,6 +54,12 @@ class FixComparison:
         """(n,) which fixes repeat a place while the pictures move: they are not compared."""
         return np.zeros(len(self.fixes), bool) if self.moved_m is None else np.isfinite(self.moved_m)
 
+    @property
+    def at_one_place(self) -> bool:
+        """Whether all fixes have one place: the receiver had stopped, and they tell no lengths."""
+        repeats = self.fixes.repeats_place
+        return repeats is not None and bool(repeats[1:].all())
+
     def refined(self, offset_m: Array, antenna_m: Array) -> FixComparison:
         """Return the comparison of fixes less an offset (3,) they share, for an estimated antenna (3,)."""
         moved = replace(self.fixes, w_p_antenna_m=self.fixes.w_p_antenna_m - offset_m, antenna_m=antenna_m)

@@ -270,6 +270,15 @@ def test_photographs_have_the_velocity_of_their_picture():
     np.testing.assert_array_equal(found.w_v_m_s, w_v_m_s[[1, 2, 4]])
 
 
+def test_photographs_are_named_and_frames_of_a_video_are_not():
+    frames = Frames(2.0 * np.arange(5), tuple("abcde"), lambda k: None)
+    photographs = Flight("photographs", frames=frames, all_keyframes=True)
+    corrected_s = np.array([2.3, 3.7, 8.3])  # a clock's correction has moved their stamps
+    assert KeyframeReadings.at(photographs, corrected_s, None, PipelineConfig()).names == ("b", "c", "e")
+    video = replace(photographs, all_keyframes=False)
+    assert KeyframeReadings.at(video, corrected_s, None, PipelineConfig()).names == ()
+
+
 def test_a_stated_read_out_time_and_unknown_velocities_of_photographs():
     camera = Camera((80.0, 80.0), (50.0, 40.0), (101, 81), readout_s=0.02)
     frames = Frames(2.0 * np.arange(5), tuple("abcde"), lambda k: None)

@@ -19,7 +19,7 @@ from slam.mapping.lift_edges import Edges, lift_edges
 from slam.mapping.part_measurements import refine_part
 from slam.mapping.search_radius import KnownPoses, implausible_edges
 from slam.mapping.setup import Setup
-from slam.mapping.solve_pose_graph import solve_pose_graph
+from slam.mapping.solve_pose_graph import graph_measurements, solve_pose_graph
 from tests.slam.mapping.exact_flight import (
     CAMERA,
     CONFIG,
@@ -92,6 +92,14 @@ def test_homographies_that_no_pose_explains_are_left_out():
     edges = lift_edges([*good, mad], setup_of(w_T_b))
     assert [(r.i, r.j) for r in edges.registrations] == PAIRS
     assert len(edges.relative_poses) == len(PAIRS)
+
+
+def test_messages_of_the_pose_graph_name_photographs():
+    w_T_b = truth()
+    setup = setup_of(w_T_b)
+    names = tuple(f"P{k}.jpg" for k in range(len(w_T_b)))
+    setup = replace(setup, readings=replace(setup.readings, names=names))
+    assert graph_measurements(edges_of(setup, w_T_b), setup)[0].names == names
 
 
 def test_the_pose_graph_gives_back_the_way():

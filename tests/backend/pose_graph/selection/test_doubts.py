@@ -105,6 +105,7 @@ def test_as_many_edges_as_loops_are_believed_but_the_status_says_what_contradict
     assert np.array_equal(~solved.edge_kept[_loops(made.measurements)], OVER)
     (said,) = solved.disputed_odometry
     assert "6 loops agree with each other and contradict the odometry from keyframe" in said
+    assert "look there, and leave out what is blurred" in said
     assert said in solved.status
 
 
