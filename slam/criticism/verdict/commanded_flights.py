@@ -29,12 +29,7 @@ from slam.criticism.search.thresholds import with_misfit
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism
 from slam.criticism.verdict.held_out import HeldOut, confirmed_terms, fitted_parameters, held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
-from slam.criticism.verdict.over_time import (
-    CERTAIN_Z,
-    changing_sizes,
-    commanded_onset,
-    contradictions,
-)
+from slam.criticism.verdict.over_time import CERTAIN_Z, changing_sizes, commanded_onset, contradictions
 from slam.criticism.verdict.posterior import likeliest, posterior_of
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
 from slam.criticism.verdict.rollouts import covariate, rollout_errors

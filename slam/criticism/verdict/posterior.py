@@ -37,17 +37,16 @@ class Place:
     """Alternatives to one chosen term."""
 
     names: tuple[str, ...]
-    """Its own name, then those of terms that explain as much."""
+    """Its own name, then those of terms that explain as much; last those without an entry in ``leads``, which
+    fitted as well with the filter run anew, whatever an expansion shows of them."""
     lead_nats: float
     """Lead over the best other term, with the cost of the parameters."""
     rival: str
     """The most probable other term; empty where there is none."""
     weights: tuple[tuple[float, frozenset[str]], ...] = ()
     """Evidence of the chosen set without the term, and with each other in its place."""
-    tied: tuple[str, ...] = ()
-    """Names that fitted as well with the filter run anew, whatever an expansion shows of them."""
     leads: Mapping[str, float] = field(default_factory=dict)
-    """Alternative -> nats by which the term leads; none where they fitted as well."""
+    """Alternative -> nats by which the term leads."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +88,9 @@ def posterior_of(found: SearchResult, refuted: Container[str] = ()) -> Posterior
         weights += _in_place_of_all(found)
     probability = probabilities(weights)
     for place in places:
-        share = probability.get(place.names[0], 0.0) / (1 + len(place.tied))
-        probability |= {n: max(share, probability.get(n, 0.0)) for n in place.tied} | {place.names[0]: share}
+        name, *tied = (n for n in place.names if n not in place.leads)
+        share = probability.get(name, 0.0) / (1 + len(tied))
+        probability |= {n: max(share, probability.get(n, 0.0)) for n in tied} | {name: share}
     # What explains more in the place of another term is no alternative to this one.
     least = {n: min(p.leads.get(n, np.inf) for p in places) for place in places for n in place.leads}
     names = [tuple(n for n in p.names if p.leads.get(n, 0.0) <= least.get(n, 0.0)) for p in places]
@@ -125,7 +125,7 @@ def _at_saturation(found: SearchResult, saturation: Effect) -> Place:
     chosen = {e.name for e in found.chosen}
     tied = tuple(n for n in found.rivals.get(saturation.name, ()) if n not in chosen)
     if tied:
-        return Place((saturation.name, *tied), 0.0, tied[0], tied=tied)
+        return Place((saturation.name, *tied), 0.0, tied[0])
     # The term that explains most in its place, by the expansion without it: the first.
     others = [e for e in found.first.effects if e.is_term and e.name not in chosen]
     best = next((s.effect.name for s in found.first.score_tests([], others)[:1] if s.nats > 0.0), "")
@@ -170,7 +170,7 @@ def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Plac
     tied = tuple(n for n in found.rivals.get(term.name, ()) if n in best and n not in near)
     lead_nats = 0.0 if tied else min((lead for lead, _ in best.values()), default=np.inf)
     rival = next(iter([*near, *tied, *best]), "")
-    return Place((term.name, *near, *tied), lead_nats, rival, tuple(weights), tied, near)
+    return Place((term.name, *near, *tied), lead_nats, rival, tuple(weights), near)
 
 
 def doubtful_components(found: SearchResult) -> list[NameInDoubt]:
