@@ -41,7 +41,8 @@ def told(flight: Flight, antenna_m: tuple[float, float, float]) -> Flight:
 
 
 def warning_of(estimate: Estimate) -> str:
-    return next((line for line in estimate.warnings if "the antenna is" in line), "")
+    """Return what the warnings say of the place of the antenna, besides its height."""
+    return next((line for line in estimate.warnings if "where the antenna is" in line), "")
 
 
 @pytest.mark.slow
@@ -54,7 +55,7 @@ def test_an_antenna_at_several_headings_is_found(seed: int) -> None:
     assert (np.abs(np.array(antenna.place_m) - LEFT_M)[:2] < 2 * np.array(antenna.std_m)[:2]).all()
     assert estimate.status == "ok"
     assert estimate.instruments.systematic is None
-    assert "so the antenna is not at the body's origin, as assumed" in warning_of(estimate)
+    assert "so the antenna is not at the body's origin, as assumed" in " ".join(estimate.warnings)
     assert evaluate(estimate, flight).ate_m.rmse < 0.01, "positions of the body, which the truth has"
     without_truth = evaluate(estimate, replace(flight, truth=None))
     assert without_truth.ate_m.rmse < 3 * STD_M, "the fixes are those of the antenna"
@@ -74,7 +75,7 @@ def test_an_antenna_that_is_told_elsewhere_is_in_the_status() -> None:
 def test_an_antenna_at_one_heading_is_held_and_named() -> None:
     estimate = optimize(surveyed("fixed", LEFT_M))
     assert estimate.instruments.antenna is None
-    assert estimate.antenna_m == pytest.approx(ORIGIN_M, abs=1e-4)
+    assert estimate.antenna_m[:2] == pytest.approx(ORIGIN_M[:2], abs=1e-4)
     assert "nothing tells where the antenna is on the body" in warning_of(estimate)
     assert estimate.status == "ok"
 
