@@ -24,6 +24,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.accuracy.ground_size import GroundSize, ground_size
+from backend.bundle.accuracy.row_motion_errors import row_motion_covariances
 from backend.bundle.barometer import HEIGHTS, start_heights
 from backend.bundle.factors import (
     ANTENNA,
@@ -254,7 +255,7 @@ def _result(solved: Solved, readout: ReadoutEstimate | None) -> Bundle:
     if not (np.isfinite(heights).all() and (heights > 0).all()):
         raise BackendError("bundle adjustment: a camera went below the floor; the pose graph's result stands")
     world = values.atVector(WORLD)
-    joint, of_lens, size = _covariances(optimum)
+    joint, of_lens, size = _covariances(optimum, readout.std_s if readout else 0.0)
     world_std = np.sqrt(np.diag(joint[0, 6:, 6:]))
     in_world, over_floor = _metric_covariances(problem, joint, values)
     row_motion_m, row_turn_rad = row_motion(optimum)
@@ -288,14 +289,19 @@ def _result(solved: Solved, readout: ReadoutEstimate | None) -> Bundle:
     )
 
 
-def _covariances(optimum: BundleOptimum) -> tuple[Array, Array, GroundSize]:
+def _covariances(optimum: BundleOptimum, readout_std_s: float) -> tuple[Array, Array, GroundSize]:
     """Return joint covariances (n, 6 + w, 6 + w) of each pose and the world, the calibration's (q, q), q = 0
-    if it is fixed, and the uncertainty of the ground's size; NaN if undetermined."""
+    if it is fixed, and the uncertainty of the ground's size; NaN if undetermined.
+
+    ``readout_std_s`` is the standard deviation of an estimated read-out time.
+    """
     poses = [POSE(k) for k in range(optimum.problem.measurements.count)]
     q = start_numbers(optimum.problem.camera).size if optimum.problem.self_calibrates else 0
     try:
-        reduced = optimum.linearise().eliminate()
+        linear = optimum.linearise()
+        reduced = linear.eliminate()
         joint = reduced.joint_covariances(poses, WORLD)
+        joint += row_motion_covariances(optimum, linear, reduced, readout_std_s)
         return joint, reduced.calibration_covariance, ground_size(optimum, reduced)
     except SingularMatrixError:
         joint = np.full((len(poses), 6 + WORLD_SIZE, 6 + WORLD_SIZE), np.nan)

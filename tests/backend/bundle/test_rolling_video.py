@@ -6,7 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gtsam.symbol_shorthand import X as POSE
 
+from backend.bundle.accuracy.row_motion_errors import row_motion_covariances
+from backend.bundle.graph import WORLD
 from backend.bundle.refinement import Bundle, refine
 from backend.measurements import RowExposure
 from tests.backend.bundle.made_scenes import SEEDS, SURVEY, errors_squared, position_rms
@@ -120,3 +123,20 @@ def test_the_told_deviation_of_the_time_is_that_of_its_errors():
 def test_no_global_shutter_is_taken_for_a_rolling_one():
     for scene in (GLOBAL, replace(GLOBAL, relief=0.03)):
         assert not any(refined(video(scene, seed)).readout.is_estimated for seed in SEEDS)
+
+
+def test_errors_of_the_motion_count_in_the_covariances_as_much_as_they_bend_the_pictures(made: Made):
+    """Turns of 6 mrad from the first row to the last are wrong."""
+    wrong = camera_turns(ROLLING) + np.random.default_rng(11).normal(0, 0.2, (16, 3))
+    exposure = replace(made.measurements.exposure, floor_speed=floor_speed(made, wrong))
+    found = refined(replace(made, measurements=replace(made.measurements, exposure=exposure)))
+    assert 3.0 < np.mean(errors_squared(made, found)) < 9.0, "14 by the noise of pixels alone"
+
+
+def test_the_covariances_of_a_motion_without_errors_are_those_of_the_pixels(found: Bundle):
+    linear = found.optimum.linearise()
+    reduced = linear.eliminate()
+    added = row_motion_covariances(found.optimum, linear, reduced, readout_std_s=0.0)
+    plain = reduced.joint_covariances([POSE(k) for k in range(16)], WORLD)
+    share = np.diagonal(added, axis1=1, axis2=2)[:, :6] / np.diagonal(plain, axis1=1, axis2=2)[:, :6]
+    assert share.max() < 0.3
