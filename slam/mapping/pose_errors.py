@@ -9,7 +9,7 @@ from scipy.sparse.linalg import ArpackError
 from backend.bundle.accuracy.joint_errors import joint_errors
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.flight import Flight
-from slam.mapping.calibration.attitude_floor_tilt import tilt_over_map
+from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt, tilt_over_map
 from slam.mapping.calibration.clock_offset import NO_CORRECTION, clock_displacements
 from slam.mapping.calibration.fixed_mount import (
     fixed_mount_covariance,
@@ -38,17 +38,29 @@ def instrument_displacements(context: Context, map_: Map) -> Array:
         found.append(clock_displacements(context.clock, map_.w_T_b, stamps_s, camera_stamps_s))
     if context.flight.parts:  # each has a level of its own
         return np.concatenate(found, axis=2)
-    tilt = tilt_over_map(context.flight, map_)
-    if map_.bundle is None or map_.bundle.mount_std_rad == 0:  # an estimated mount is counted
-        mount = fixed_mount_covariance(tilt, map_.inertial, map_.camera.mount_std_rad == 0.0)
-        if mount.any():
-            of_mount = mount_displacements(map_.camera.b_T_c, mount)
-            found.append(np.broadcast_to(of_mount, (n, *of_mount.shape)))
-    if not map_.georeferenced:  # positions determine the slope
-        slope = level_floor_covariance(tilt, map_.inertial)
-        if slope.any():
-            found.append(level_floor_displacements(map_.w_T_b, map_.component, slope))
+    mount, slope = _mount_and_slope(tilt_over_map(context.flight, map_), map_)
+    if mount.any():
+        of_mount = mount_displacements(map_.camera.b_T_c, mount)
+        found.append(np.broadcast_to(of_mount, (n, *of_mount.shape)))
+    if slope.any():
+        found.append(level_floor_displacements(map_.w_T_b, map_.component, slope))
     return np.concatenate(found, axis=2)
+
+
+def _mount_and_slope(tilt: AttitudeFloorTilt | None, map_: Map) -> tuple[Array, Array]:
+    """Return the covariances (2, 2) of a mount and of a level floor; zero where the refinement estimates
+    them."""
+    is_held = map_.bundle is None or map_.bundle.mount_std_rad == 0
+    none, stated_exact = np.zeros((2, 2)), map_.camera.mount_std_rad == 0.0
+
+    def shared_by(causes: int) -> tuple[Array, Array]:
+        mount = fixed_mount_covariance(tilt, map_.inertial, stated_exact, causes) if is_held else none
+        slope = none if map_.georeferenced else level_floor_covariance(tilt, map_.inertial, causes)
+        return mount, slope
+
+    mount, slope = shared_by(2)
+    # A lean may be all of a slope, or all of a mount that is stated as exact: either statement is wrong then.
+    return shared_by(3) if mount.any() and slope.any() and not stated_exact else (mount, slope)
 
 
 def datum_displacements(flight: Flight, map_: Map) -> Array:

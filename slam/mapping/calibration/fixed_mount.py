@@ -21,29 +21,36 @@ Array = NDArray[np.float64]
 
 
 def fixed_mount_covariance(
-    tilt: AttitudeFloorTilt | None, by_inertia: AccelerometerScale | None, stated_exact: bool = False
+    tilt: AttitudeFloorTilt | None,
+    by_inertia: AccelerometerScale | None,
+    stated_exact: bool = False,
+    causes: int = 2,
 ) -> Array:
     """Return the covariance (2, 2) of the error of a fixed mount, a rotation about the body's x and y in rad.
 
     Accelerometer and attitude have different zeros but one camera: the mount is off by no more than either of
     them allows, by its lean and its noise. The covariance is zero where no instrument measures which way is
-    up, and for a mount that is stated as exact, unless all instruments lean significantly.
+    up, and for a mount that is stated as exact, unless all instruments lean significantly. ``causes``: how
+    many errors may share the lean, 3 where the floor may slope too.
     """
     seen = [] if tilt is None else [(tilt.in_body, tilt.body_std)]
     if by_inertia is not None:
         seen.append(_lean_of(by_inertia))
     if stated_exact and any(lean @ lean < SURE**2 * std**2 for lean, std in seen):
         return np.zeros((2, 2))
-    return _share(seen)
+    return _share(seen, causes)
 
 
-def level_floor_covariance(tilt: AttitudeFloorTilt | None, by_inertia: AccelerometerScale | None) -> Array:
+def level_floor_covariance(
+    tilt: AttitudeFloorTilt | None, by_inertia: AccelerometerScale | None, causes: int = 2
+) -> Array:
     """Return the covariance (2, 2) of the slope of a floor that counts as level, a rotation about the map's x
     and y in rad.
 
     Slope and zero of an instrument make it lean as mount and zero do. A lean of the attitude that turns with
     the body is none of the floor. The accelerometer allows no larger slope than it shows without an offset,
-    and than it shows beside one, which many headings tell from a slope.
+    and than it shows beside one, which many headings tell from a slope. ``causes``: how many errors may share
+    the lean, 3 where the mount is uncertain too.
     """
     seen = list[tuple[Array, float]]()
     if tilt is not None:
@@ -53,7 +60,7 @@ def level_floor_covariance(tilt: AttitudeFloorTilt | None, by_inertia: Accelerom
     if by_inertia is not None:
         shown = by_inertia.found.slope_without_offset, by_inertia.found.slope
         seen += [(np.array(slope.rad), slope.std_rad) for slope in shown]
-    return _share(seen)
+    return _share(seen, causes)
 
 
 def _lean_of(by_inertia: AccelerometerScale) -> tuple[Array, float]:
@@ -66,12 +73,13 @@ def _lean_of(by_inertia: AccelerometerScale) -> tuple[Array, float]:
     return lean, float(np.max(found.level_floor_offset_std_m_s2[:2])) / GRAVITY_M_S2
 
 
-def _share(seen: Sequence[tuple[Array, float]]) -> Array:
+def _share(seen: Sequence[tuple[Array, float]], causes: int) -> Array:
     """Return the covariance (2, 2) of a rotation that has its share of the leans (2,) of all instruments.
 
-    It and the zero of an instrument are two normal errors of mean zero and of one unknown size. Their sum is
-    the measured lean, whose square, less that of its noise, determines the size. The second moment of the
-    rotation's share is the covariance.
+    It and the other ``causes``, such as the zero of an instrument, are normal errors of mean zero and of one
+    unknown size. Their sum is the measured lean, whose square, less that of its noise, determines the size.
+    The second moment of the rotation's share is the covariance. That of two shares together is as large as if
+    they were independent.
     """
     # The noise is that of two components: twice the variance of one.
     shown = [(float(lean @ lean), 2 * std**2, lean) for lean, std in seen]
@@ -83,9 +91,9 @@ def _share(seen: Sequence[tuple[Array, float]]) -> Array:
     x, y = min(leaning, key=lambda each: each[1])[2]
     # The axis about which the up direction leans there.
     axis = np.array([-y, x]) / np.hypot(x, y)
-    # With the variance s² of either error along each axis, the square of their sum is 4 s² on average. The
-    # share of one is half of the sum, and varies about it by s²/2 along each axis.
-    return np.asarray(square * (np.outer(axis, axis) / 4 + np.eye(2) / 8))
+    # With the variance s² of each of k errors along each axis, the square of their sum is 2 k s² on average.
+    # The share of one is a k-th of the sum, and varies about it by s² (1 - 1/k) along each axis.
+    return np.asarray(square * (np.outer(axis, axis) + np.eye(2) * (causes - 1) / 2) / causes**2)
 
 
 def level_floor_displacements(w_T_b: Array, component: NDArray[np.int64], slope_covariance: Array) -> Array:

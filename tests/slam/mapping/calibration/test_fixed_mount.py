@@ -46,6 +46,18 @@ def test_the_mount_has_its_share_of_the_lean() -> None:
     assert error @ np.linalg.solve(told_of_it, error) == pytest.approx(8 / 3, rel=1e-3)
 
 
+def test_three_errors_share_a_lean() -> None:
+    """Mount and slope together err as much as if their shares were independent."""
+    rng = np.random.default_rng(0)
+    mount, slope, zero = rng.normal(0, 0.03, (3, 20_000, 2))
+    lean = mount + slope + zero
+    told = np.array([fixed_mount_covariance(leaning(y, -x), None, causes=3) for x, y in lean])
+    assert np.mean(np.linalg.trace(told)) == pytest.approx(np.mean((mount**2).sum(axis=1)), rel=0.03)
+    assert np.mean(np.linalg.trace(2 * told)) == pytest.approx(
+        np.mean(((mount + slope) ** 2).sum(axis=1)), rel=0.03
+    )
+
+
 def test_a_lean_by_chance_is_no_mount() -> None:
     noise = replace(leaning(0.01, 0.0), body_std=0.01)
     assert not fixed_mount_covariance(noise, None).any()
