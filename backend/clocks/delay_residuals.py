@@ -114,8 +114,10 @@ class DelayResiduals:
 
     def squares_with(self, ratios: tuple[float, ...]) -> Array:
         """Return the squares (c, n, g) of the residuals with the kind of noise of each axis given."""
-        axes = [self.whitened(ratio, slice(axis, axis + 1))[0] for axis, ratio in enumerate(ratios)]
-        return np.asarray(np.concatenate(axes) ** 2)
+        squares = np.empty((len(ratios), *self.difference.shape[:2]))
+        for axis, ratio in enumerate(ratios):
+            np.square(self.whitened(ratio, slice(axis, axis + 1))[0][0], out=squares[axis])
+        return squares
 
 
 def delay_residuals(
@@ -200,8 +202,11 @@ def turn_costs(squares: Array) -> Array:
 
     The size of the noise of each axis is estimated at each delay.
     """
-    variance = mean_square(squares)[:, None]
-    return np.asarray((squares / variance + np.log(variance)).sum(axis=0))
+    costs = np.zeros(squares.shape[1:])
+    for of_axis in squares:  # one by one, as all at once take three times the memory of the squares
+        variance = mean_square(of_axis)
+        costs += of_axis / variance + np.log(variance)
+    return costs
 
 
 def mean_square(squares: Array) -> Array:
