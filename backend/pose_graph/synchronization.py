@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_array, csc_array
+from scipy.sparse import bsr_array, csc_array, csr_array
 from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial.transform import Rotation
 
@@ -121,8 +121,8 @@ def descend(problem: Synchronization, w_R: Array, w_t: Array, order: Index) -> t
     factor: Factor | None = None
     for _ in range(_MAX_STEPS):
         gradient, diagonal, curve, coupling = _model(problem, w_R, w_t)
-        factor = factor or Factor(_without_first(problem, diagonal, coupling), order)
-        hessian = _without_first(problem, diagonal + curve, coupling)
+        factor = factor or Factor(assembled(problem, diagonal, coupling, begin=1), order)
+        hessian = assembled(problem, diagonal + curve, coupling, begin=1)
         step, iterations = _newton_step(hessian, gradient, factor)
         predicted_decrease = -float(gradient @ step)
         if predicted_decrease <= _MIN_RELATIVE_GAIN * max(value, 1e-6 * len(problem.i)):
@@ -194,11 +194,6 @@ def _model(problem: Synchronization, w_R: Array, w_t: Array) -> tuple[Array, Arr
     return gradient.ravel()[p:], diagonal, curve, coupling
 
 
-def _without_first(problem: Synchronization, diagonal: Array, coupling: Array) -> csc_array:
-    p = diagonal.shape[-1]
-    return csc_array(assembled(problem, diagonal, coupling)[p:, p:])
-
-
 def _edge_models(edges: Synchronization, w_R: Array, w_t: Array) -> tuple[Array, Array]:
     """Return half of gradient (m, 2p) and Gauss-Newton matrix (m, 2p, 2p) of each edge by its two poses."""
     d, p, m = edges.dimension, _width(edges.dimension), len(edges.i)
@@ -221,21 +216,25 @@ def _skew_basis(d: int) -> Array:
     return np.array([[[0.0, -1], [1, 0]]]) if d == 2 else se3.cross_matrix(np.eye(3))
 
 
-def assembled(problem: Synchronization, diagonal: Array, coupling: Array) -> csc_array:
+def assembled(problem: Synchronization, diagonal: Array, coupling: Array, begin: int = 0) -> csc_array:
     """Assemble a symmetric matrix (n q, n q) from its diagonal blocks (n, q, q) and those (m, q, q) at row i
-    and column j of each edge."""
+    and column j of each edge. The poses before ``begin`` are left out."""
     n, m, q = problem.count, len(problem.i), diagonal.shape[-1]
     row = np.concatenate([np.arange(n), problem.i, problem.j])
     column = np.concatenate([np.arange(n), problem.j, problem.i])
+    kept = (row >= begin) & (column >= begin)
     order = np.lexsort([column, row])
-    place = np.empty_like(order)
+    order = order[kept[order]]
+    place = np.empty_like(row)
     place[order] = np.arange(len(order))
-    blocks = np.empty((n + 2 * m, q, q))
-    blocks[place[:n]] = diagonal
-    blocks[place[n : n + m]] = coupling
-    blocks[place[n + m :]] = np.swapaxes(coupling, 1, 2)
-    begin = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n))])
-    by_row = bsr_array((blocks, column[order], begin), shape=(n * q, n * q)).tocsr()
+    blocks = np.empty((len(order), q, q))
+    blocks[place[begin:n]] = diagonal[begin:]
+    joined = np.flatnonzero(kept[n : n + m])
+    blocks[place[n + joined]] = coupling[joined]
+    blocks[place[n + m + joined]] = np.swapaxes(coupling[joined], 1, 2)
+    starts = np.concatenate([[0], np.cumsum(np.bincount(row[kept] - begin, minlength=n - begin))])
+    size = (n - begin) * q
+    by_row = bsr_array((blocks, column[order] - begin, starts), shape=(size, size)).tocsr()
     # It equals its transpose, whose columns these rows are.
     matrix = csc_array((by_row.data, by_row.indices, by_row.indptr), shape=by_row.shape)
     matrix.sum_duplicates()  # of repeated edges
@@ -266,7 +265,7 @@ class Factor:
         rows = (order[:, None] * q + np.arange(q)).ravel() - missing
         self._rows = rows[rows >= 0]
         try:
-            self._factor = cholesky(csc_array(matrix[self._rows][:, self._rows]), "NATURAL")
+            self._factor = cholesky(_permuted(matrix, self._rows), "NATURAL")
         except RuntimeError as error:
             raise BackendError(f"its linear system is singular: {error}") from error
 
@@ -280,3 +279,12 @@ class Factor:
         out = np.empty_like(rhs)
         out[self._rows] = self._factor.solve(rhs[self._rows])
         return out
+
+
+def _permuted(matrix: csc_array, rows: Index) -> csc_array:
+    """Return a symmetric matrix with its rows and columns in another order, in a single copy."""
+    place = np.empty(len(rows), dtype=matrix.indices.dtype)
+    place[rows] = np.arange(len(rows))
+    # Its columns are its rows, and the numbers of the columns are replaced, so that no column is moved.
+    by_row = csr_array((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)[rows]
+    return csc_array((by_row.data, place[by_row.indices], by_row.indptr), shape=matrix.shape)
