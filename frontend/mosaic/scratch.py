@@ -36,12 +36,13 @@ class PictureScratch:
         offset = self._offset.get((k, cols, rows))
         if offset is None or self._file is None:
             return None
-        picture = np.empty((rows, cols, 3), np.uint8)
         try:
-            read = os.preadv(self._file.fileno(), [memoryview(picture).cast("B")], offset)
+            raw = os.pread(self._file.fileno(), 3 * rows * cols, offset)
         except OSError:
             return None
-        return picture if read == picture.nbytes else None
+        if len(raw) < 3 * rows * cols:
+            return None
+        return np.frombuffer(raw, np.uint8).reshape(rows, cols, 3).copy()  # that it can be written to
 
     def keep(self, k: int, picture: Image) -> None:
         """Keep the picture of pose k, if there is room."""
@@ -52,7 +53,7 @@ class PictureScratch:
             if key in self._offset or offset + picture.nbytes > self._most_bytes:
                 return
             self._end += picture.nbytes
-        raw, written = memoryview(np.ascontiguousarray(picture)).cast("B"), 0
+        raw, written = np.ascontiguousarray(picture).data.cast("B"), 0
         try:
             file = self._opened()
             while written < len(raw):  # the system may write only a part
