@@ -28,18 +28,30 @@ from slam.mapping.refine import refine_map
 def free_refuted_calibrations(
     context: Context, refined: Map, errors: SystematicErrors | None, lens_is_suspect: bool
 ) -> FreeCalibrations | None:
-    """Return the stated instruments with the calibrations as free parameters that the pictures refute.
+    """Return the stated instruments with the calibrations as free parameters that the flight refutes.
 
     They are fixed ones whose ``errors`` displace the poses by more than their covariances state, a lens of
     another model, and one that is stated as more certain than the evidence says, which is computed where the
-    lens is doubted or suspect. The result is None where nothing is refuted.
+    lens is doubted or suspect. The height sensor comes last: a wrong lens makes the heights of the pictures
+    disagree with those of a right sensor. The result is None where nothing is refuted.
     """
+    camera, ranges = context.job.camera, range_prior(context.flight)
+    seen = _freed_by_pictures(context, refined, errors, lens_is_suspect)
+    if seen is not None and not seen.changes_nothing(camera):
+        return seen
+    freed = _freed_ranges(context, refined)
+    if freed is None:
+        return seen
+    return FreeCalibrations(camera, context.flight.gps, freed, (Refuted("height sensor", None, ranges),))
+
+
+def _freed_by_pictures(
+    context: Context, refined: Map, errors: SystematicErrors | None, lens_is_suspect: bool
+) -> FreeCalibrations | None:
+    """Return the instruments with the lens or the antenna free, or why they are fixed; None without doubt."""
     camera, gps, ranges = context.job.camera, context.flight.gps, range_prior(context.flight)
     if refined.camera.lens != camera.lens:
         return FreeCalibrations(with_lens_of(camera, refined.camera), gps, ranges)
-    freed = _freed_ranges(context, refined)
-    if freed is not None:
-        return FreeCalibrations(camera, gps, freed, (Refuted("height sensor", None, ranges),))
     suspected = suspects(refined.bundle, errors)
     if errors is None or not suspected.refuted:
         doubted = lens_is_suspect or is_stated_lens_doubted(camera, refined)

@@ -72,7 +72,8 @@ def test_steps_below_the_low_points_of_a_way_are_no_zero() -> None:
 
 @pytest.mark.slow
 def test_at_one_height_a_wrong_zero_is_named_as_taken_as_exact() -> None:
-    estimate = optimize(reading(flown(), ZERO_M))
+    """Lengths by the accelerometer agree with the wrong ones by chance; those of seed 0 contradict them."""
+    estimate = optimize(reading(flown(1), ZERO_M))
     assert estimate.status == "ok"
     assert "its gain, its zero" in estimate.accuracy_basis
     assert "taken as exact" in estimate.accuracy_basis
