@@ -1,8 +1,8 @@
 """Motion of the cameras while the rows of their pictures are exposed one after the other.
 
 A row is exposed later than the middle one by a share of the read-out time, and the camera has moved on by
-then. It counts as a motion along a straight line, with an even turn. How the camera of photographs turns is
-not known. Poses are those of the middle row.
+then. It counts as a motion along a straight line at constant velocity, with a constant turn rate. How the
+camera of photographs turns is not known. Poses are those of the middle row.
 
 Source: Vautherin et al. 2016, Photogrammetric accuracy and modeling of rolling shutter cameras (ISPRS Annals
 III-3): their linear model.
@@ -61,10 +61,6 @@ class ExposureMotion:
         """Return the motion (n, 3) of the cameras from the first row to the last, in mean heights."""
         return np.where(self.is_known[:, None], readout_s * self.f_v, self.own_motion)
 
-    def since_middle(self, pixel: Array) -> Array:
-        """Return the time (m,) from the middle row to that of each pixel, over the read-out time."""
-        return np.asarray(pixel[:, 1] / (self.rows - 1) - 0.5)
-
     def as_at_once(
         self, keyframe: NDArray[np.int64], track: NDArray[np.int64], f_T_c: Array, point: Array, lens: Array
     ) -> Array:
@@ -74,7 +70,7 @@ class ExposureMotion:
         """
         pixel = np.ascontiguousarray(self.recorded_px)
         left_s = (self.readout_s - self.corrected_s)[keyframe]
-        own = self.since_middle(pixel)[:, None] * self.own_motion[keyframe]
+        own = since_middle(pixel, self.rows)[:, None] * self.own_motion[keyframe]
         moved = point[track] - left_s[:, None] * self.by_second - own
         each = np.arange(len(track))
         late = residuals(f_T_c, moved, lens, keyframe, each, pixel)
@@ -104,9 +100,15 @@ def row_shifts(
     """Return how cameras had moved on from their poses at the rows of recorded pixels (m, 2)."""
     if motion is None:
         return (NO_SHIFT,) * len(keyframe)
-    late, moved = motion.since_middle(pixel), motion.over_rows(motion.readout_s)
+    late, moved = since_middle(pixel, motion.rows), motion.over_rows(motion.readout_s)
     turned = motion.readout_s * motion.f_turn
     return tuple(RowShift(t * moved[k], t * turned[k]) for k, t in zip(keyframe.tolist(), late, strict=True))
+
+
+def since_middle(pixel: Array, rows: int) -> Array:
+    """Return the time (m,) from the middle one of the ``rows`` to that of each pixel, over the read-out
+    time."""
+    return np.asarray(pixel[:, 1] / (rows - 1) - 0.5)
 
 
 def add_readout(pose_side: PoseSideFactors, motion: ExposureMotion) -> None:

@@ -131,7 +131,7 @@ class _Freed:
     def of(optimum: BundleOptimum, widest: RangePrior, lengths: ScalePrior | None) -> _Freed:
         """Return the system of an optimum, with the noise that the ranges are stated to have."""
         linear, pose_side = optimum.linearise(), optimum.cost.pose_side
-        columns = np.arange(linear.structure.elimination.size)[linear.structure.columns(WORLD)]
+        columns = linear.structure.columns_of([WORLD])[0]
         prior = np.flatnonzero(pose_side.rows_of("world prior"))
         before = 1.0 / linear.pose_side.tocsr()[prior[_SHARED], columns[_SHARED]]
         measured = optimum.problem.measurements

@@ -21,14 +21,14 @@ from dataclasses import dataclass, replace
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
 
-from backend.bundle.exposure_motion import PRIOR_STD_S, READOUT, ExposureMotion
+from backend.bundle.exposure_motion import PRIOR_STD_S, READOUT, ExposureMotion, since_middle
 from backend.bundle.factors import LOG_SCALE, SLOPE, rotation_of
 from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables
 from backend.bundle.lens_evidence import design_effect
 from backend.bundle.minimise import BundleCost, BundleOptimum
 from backend.bundle.observations import Cameras
+from backend.bundle.picture_variables import picture_variables
 from backend.measurements.floor_speed import camera_motion
 from backend.measurements.straight_flight import continued_velocities, straight_velocities
 from backend.significance import VERY_STRONG_NATS
@@ -111,7 +111,7 @@ def corrected_rows(
     problem: BundleProblem, at: Variables, noise: NoiseLevels, used: NDArray[np.bool_]
 ) -> tuple[BundleProblem, Variables, bool]:
     """Return problem and variables with pixels that are corrected by the read-out time and the motion found,
-    and whether they are nearly those of before.
+    and whether they are nearly the same as before.
 
     The map was made with the noise and the observations that are ``used`` (m,).
     """
@@ -253,7 +253,7 @@ def _exposure_motion(
     f_v = continued_velocities(measured.stamps_s, place, velocity)
     own = np.where(is_known[:, None], 0.0, readout_s * f_v)
     rows = measured.exposure.rows
-    late = recorded_px[:, 1:] / (rows - 1) - 0.5
+    late = since_middle(recorded_px, rows)[:, None]
     turned = np.cross(f_turn[tracks.keyframe], at.point[tracks.track] - place[tracks.keyframe])
     by_second = late * (np.where(is_known[:, None], f_v, 0.0)[tracks.keyframe] + turned)
     return ExposureMotion(
@@ -297,24 +297,14 @@ def _with_own_motion(cost: BundleCost, at: Variables, motion: ExposureMotion) ->
         reduced = linear.eliminate()
     except SingularMatrixError:  # where the flight leaves a direction open, nothing follows of a motion
         return motion
-    jacobian, right = linear.jacobian()
-    step, seen, own = reduced.solve(*linear.gradient), cost.observations, motion.own_motion.copy()
-    right = right - jacobian @ np.concatenate(step)
-    late = -motion.since_middle(motion.recorded_px[seen.number])[:, None, None] * linear.seen.of_point
-    before, precision = cost.problem.exposure_motion.own_motion, std**-2.0
-    unknown = np.flatnonzero(~motion.is_known)
-    for some in np.array_split(unknown, -(-len(unknown) // _AT_ONCE)):
-        mine = np.flatnonzero(np.isin(seen.keyframe, some))
-        columns = 3 * np.searchsorted(some, seen.keyframe[mine])[:, None] + np.arange(3)
-        rows = (2 * mine[:, None] + np.arange(2)).ravel()
-        entries = late[mine].ravel(), (np.repeat(rows, 3), np.repeat(columns, 2, axis=0).ravel())
-        by_own = csr_array(coo_array(entries, shape=(len(right), 3 * len(some))))
-        mixed = (jacobian.T @ by_own).toarray()
-        follow = np.vstack(reduced.solve(mixed[: reduced.size], mixed[reduced.size :]))
-        left = (by_own.T @ by_own).toarray() - mixed.T @ follow + precision * np.eye(len(follow.T))
-        even = (motion.own_motion - before)[some].ravel()
-        change = np.linalg.solve(left, by_own.T @ right + precision * even)
-        own[some] = before[some] + change.reshape(-1, 3)
+    seen, own, precision = cost.observations, motion.own_motion.copy(), std**-2.0
+    late = -since_middle(motion.recorded_px[seen.number], motion.rows)[:, None, None] * linear.seen.of_point
+    before, unknown = cost.problem.exposure_motion.own_motion, np.flatnonzero(~motion.is_known)
+    for found in picture_variables(linear, reduced, unknown, late, _AT_ONCE):
+        even = (motion.own_motion - before)[found.pictures].ravel()
+        information = found.information + precision * np.eye(len(even))
+        change = np.linalg.solve(information, found.gradient + precision * even)
+        own[found.pictures] = before[found.pictures] + change.reshape(-1, 3)
     return replace(motion, own_motion=own)
 
 

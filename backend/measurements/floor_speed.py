@@ -1,4 +1,4 @@
-"""Velocity and turn of a camera over a plane, from how fast the plane moves through its picture.
+"""Velocity and turn of a camera over a plane, from how the plane moves through its picture (optical flow).
 
 Source: Longuet-Higgins and Prazdny 1980 (motion of a picture by velocity and turn of its camera).
 """
@@ -23,12 +23,11 @@ def camera_motion(f_T_c: Array, xy: Array, speed: Array) -> tuple[Array, Array]:
     """
     ray = np.column_stack([xy, np.ones(len(xy))])
     R, place = f_T_c[:, :3, :3], f_T_c[:, :3, 3]
-    fall = -np.einsum("na,ka->nk", R[:, 2], ray)
-    per_depth = fall / place[:, 2, None]
+    inverse_depth = -np.einsum("na,ka->nk", R[:, 2], ray) / place[:, 2, None]
     is_known = np.asarray(np.isfinite(speed).all(axis=(1, 2)))
     u, v = xy.T
     to_plane = np.array([[np.ones_like(u), 0 * u, -u], [0 * u, np.ones_like(u), -v]]).transpose(2, 0, 1)
-    by_velocity = -per_depth[:, :, None, None] * to_plane  # (n, k, 2, 3)
+    by_velocity = -inverse_depth[:, :, None, None] * to_plane  # (n, k, 2, 3)
     by_turn = np.array([[u * v, -(1 + u * u), v], [1 + v * v, -u * v, -u]]).transpose(2, 0, 1)
     both = np.concatenate([by_velocity, np.broadcast_to(by_turn, by_velocity.shape)], axis=3)
     inverse = np.linalg.pinv(both.reshape(len(f_T_c), -1, 6), rcond=_LEAST_SINGULAR)

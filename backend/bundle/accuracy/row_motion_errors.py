@@ -1,10 +1,10 @@
 """Errors of the motion during the read-out of each picture, which covariances of poses include.
 
-How a camera turns and moves while its rows are read is known from noisy instruments, and is even only nearly.
-What is wrong with it bends all points of a picture together, which the noise of single pixels does not show.
-It counts as a turn from the first row to the last, of the same standard deviation about each axis in all
-pictures. The residuals of the map tell that deviation by the method of moments: the squares of their
-gradients by these turns, over what the noise of pixels explains.
+Noisy instruments tell how a camera turns and moves while its rows are read, and its velocity is not quite
+constant. An error of that motion moves all points of a picture together, which the noise of single pixels
+does not include. It counts as a turn from the first row to the last, of the same standard deviation about
+each axis in all pictures. The residuals of the map give that deviation by the method of moments: from the
+squares of their gradients by these turns, less what the noise of pixels explains.
 
 Source: Searle, Casella and McCulloch 1992, Variance Components, chapter 5 (moments of random effects).
 """
@@ -16,12 +16,12 @@ from collections.abc import Iterator
 import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
 
-from backend.bundle.exposure_motion import READOUT
+from backend.bundle.exposure_motion import READOUT, since_middle
 from backend.bundle.graph import WORLD
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
+from backend.bundle.picture_variables import PictureVariables, picture_variables
 from backend.bundle.reduced_system import LinearSystem, ReducedSystem
 from backend.se3 import cross_matrix
 
@@ -40,23 +40,20 @@ def row_motion_covariances(
     ``readout_std_s`` is the standard deviation of a read-out time that is a variable. Where it is larger than
     that of the system, because residuals are dependent, that counts too.
     """
-    world = np.arange(reduced.size)[reduced.structure.columns(WORLD)]
-    pose = np.array(
-        [
-            np.arange(reduced.size)[reduced.structure.columns(POSE(k))]
-            for k in range(optimum.problem.measurements.count)
-        ]
-    )
-    rows = np.hstack([pose, np.broadcast_to(world, (len(pose), len(world)))])
+    poses = [POSE(k) for k in range(optimum.problem.measurements.count)]
+    world = reduced.structure.columns_of([WORLD]).repeat(len(poses), axis=0)
+    rows = np.hstack([reduced.structure.columns_of(poses), world])
     added = np.zeros((len(rows), rows.shape[1], rows.shape[1]))
     if optimum.problem.exposure_motion is None:
         return added
     squares, expected, power, of_readout = 0.0, 0.0, 0.0, 0.0
     at = _readout_column(reduced)
-    for score, left, follow in _turns(optimum, linear, reduced):
-        squares += float(np.sum(score**2))
-        expected += float(np.einsum("kaa->", left))
-        power += float(np.sum(left**2))
+    for turns in _turns(optimum, linear, reduced):
+        k, follow = np.arange(len(turns.pictures)), turns.follow
+        information = turns.information.reshape(len(k), 3, len(k), 3)[k, :, k]
+        squares += float(np.sum(turns.gradient**2))
+        expected += float(np.einsum("kaa->", information))
+        power += float(np.sum(information**2))
         of_rows = follow[rows]
         added += of_rows @ np.swapaxes(of_rows, 1, 2)
         of_readout += float(follow[at] @ follow[at]) if at is not None else 0.0
@@ -78,28 +75,13 @@ def _readout_column(reduced: ReducedSystem) -> int | None:
 
 def _turns(
     optimum: BundleOptimum, linear: LinearSystem, reduced: ReducedSystem
-) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield, for some pictures at a time, the gradients (k, 3) of the residuals by a turn of each, with all
-    else free to follow, their covariances (k, 3, 3) by the noise of pixels, and how the pose side follows
-    (size, 3k) an error of each turn."""
+) -> Iterator[PictureVariables]:
+    """Yield, for some pictures at a time, the equations of a turn of each."""
     problem, seen = optimum.problem, optimum.cost.observations
     motion = problem.exposure_motion
     assert motion is not None
     f_T_c = Cameras.of(problem, optimum.values).f_T_c
-    jacobian, right = linear.jacobian()
-    right = right - jacobian @ np.concatenate(reduced.solve(*linear.gradient))
     arm = optimum.at.point[seen.track] - f_T_c[seen.keyframe, :3, 3]
-    late = motion.since_middle(motion.recorded_px[seen.number])
+    late = since_middle(motion.recorded_px[seen.number], motion.rows)
     by_turn = late[:, None, None] * (linear.seen.of_point @ cross_matrix(arm))
-    known = np.flatnonzero(motion.is_known)
-    for some in np.array_split(known, -(-len(known) // _AT_ONCE)) if len(known) else []:
-        mine = np.flatnonzero(np.isin(seen.keyframe, some))
-        columns = 3 * np.searchsorted(some, seen.keyframe[mine])[:, None] + np.arange(3)
-        rows = (2 * mine[:, None] + np.arange(2)).ravel()
-        entries = by_turn[mine].ravel(), (np.repeat(rows, 3), np.repeat(columns, 2, axis=0).ravel())
-        own = csr_array(coo_array(entries, shape=(len(right), 3 * len(some))))
-        mixed = (jacobian.T @ own).toarray()
-        by_pose, by_point = reduced.solve(mixed[: reduced.size], mixed[reduced.size :])
-        left = (own.T @ own).toarray() - mixed.T @ np.vstack([by_pose, by_point])
-        each = np.arange(3 * len(some)).reshape(-1, 3)
-        yield np.asarray(own.T @ right).reshape(-1, 3), left[each[:, :, None], each[:, None, :]], -by_pose
+    return picture_variables(linear, reduced, np.flatnonzero(motion.is_known), by_turn, _AT_ONCE)
