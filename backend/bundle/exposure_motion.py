@@ -52,7 +52,7 @@ class ExposureMotion:
     recorded_px: Array
     """(m, 2) pixels of the floor points before this correction."""
     corrected_s: Array
-    """(n,) read-out time by which these are corrected already."""
+    """(n,) read-out time by which the front end has corrected them already."""
     by_second: Array
     """(m, 3) how far each camera has moved on at the row of a floor point, as that point sees it, for each
     second of the read-out time; 0 for pictures of unknown velocity."""
@@ -87,7 +87,8 @@ class RowShift:
     """(3,) rotation vector."""
 
     def point_at_once(self, point: Array, place: Array) -> Array:
-        """Return where a camera at ``place`` (3,), its pose, sees a ``point`` (3,) as the row shows it."""
+        """Return the point that looks from the pose, at ``place`` (3,), as ``point`` (3,) looks from the
+        row."""
         return np.asarray(point - self.moved - np.cross(self.turned, point - place))
 
 

@@ -1,13 +1,13 @@
-"""Evidence of what is stated of a rangefinder's gain and zero: priors of several widths, compared.
+"""Evidence for or against the stated gain and zero of a rangefinder: it compares priors of several widths.
 
 The comparison is that of a lens (`backend.bundle.lens_evidence`). But where ranges are stated to be exact,
 the estimate has neither gain nor zero. The widest prior is therefore put into the equations at the optimum,
 and their solution is one linear step away: nothing is solved again.
 
-A zero that is held wrong leaves residuals that follow the height, and these count as noise that lasts. The
-noise of the ranges is therefore that of the residuals after the step, in which obstacles and hills remain.
-Where hills rise and fall with the flight, they look like a zero. The height of the ground below each beam,
-which the pictures show, therefore takes part, times a share that is one more variable.
+A zero that is fixed at a wrong value leaves residuals that follow the height, and the refinement takes them
+for correlated noise. The noise of the ranges is therefore that of the residuals after the step, in which
+obstacles and hills remain. Where hills rise and fall with the flight, they look like a zero. The pictures
+show the height of the ground below each beam. One more variable is the share of it that the beams hear.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class RangeEvidence:
     gradient: Array
     """(2,) of the log-likelihood where both are as stated."""
     floor_std_m: float
-    """Least deviation of the zero: a beam hears the tops of the relief, or the gaps, at each place alike."""
+    """Least deviation of the zero: a beam may hear the tops of the relief, or the gaps, everywhere."""
 
     def log_evidence(self, prior: RangePrior) -> float:
         """Return the logarithm of the marginal likelihood under a prior, up to a constant."""
@@ -87,7 +87,7 @@ def range_evidence(
     """Return what the measurements of an optimum tell of gain and zero of its ranges.
 
     ``stated`` and ``widest`` are the narrowest and the widest of the priors to be compared. ``lengths`` are
-    those by an instrument that the optimum does not have; their ratio is over its lengths. Raises
+    those of an instrument that the optimum does not use, over the lengths of the optimum. Raises
     ``SingularMatrixError`` where the flight leaves a direction open.
     """
     freed = _Freed.of(optimum, widest, lengths)
@@ -155,7 +155,7 @@ class _Freed:
         )
 
     def with_noise_of(self, left_of_pose_side: Array) -> _Freed:
-        """Return the system with the noise of the ranges that what is ``left_of_pose_side`` (rows,) shows."""
+        """Return the system with the noise of the ranges by the residuals ``left_of_pose_side`` (rows,)."""
         left = left_of_pose_side[self.rows]
         noise_m = range_noise(self.ranges, left * self.noise_m * over_typical([r.std_m for r in self.ranges]))
         weight = np.ones(len(self.rows))
@@ -175,7 +175,7 @@ class _Solution:
     share: float
     """Share of the height of the ground below that the beams hear."""
     per_share: tuple[Array, Array]
-    """Change of the step by the pose side, and by the points, that a share of one takes away."""
+    """Decrease of the step for a share of one, by the pose side and by the points."""
     precision: float
     """That of the share."""
 
@@ -226,8 +226,10 @@ class _Solution:
 
 
 def _ground_below_m(optimum: BundleOptimum) -> Array:
-    """Return by how much the ground at each range (r,) shortens it: its height over the floor along the beam,
-    the mean of the floor points that are nearest; 0 where none is near."""
+    """Return by how much (r,) the height of the ground below shortens each range, along its beam.
+
+    The height is the mean of the nearest floor points, and 0 where none is near.
+    """
     problem, values, point = optimum.problem, optimum.values, optimum.at.point
     scale = float(np.exp(values.atVector(WORLD)[LOG_SCALE]))
     seen = np.bincount(optimum.cost.observations.track, minlength=len(point)) >= _LEAST_VIEWS

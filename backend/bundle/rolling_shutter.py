@@ -1,11 +1,11 @@
 """The read-out time of a rolling shutter, as far as the residuals of pictures taken in motion show one.
 
-Pictures do not tell by what shutter they were taken. The refined map under a global one, or under the time
-that somebody states, is therefore tested: by the change of all pixels for a second of read-out time, with
-everything else free to follow it. The evidence of another time is the ratio of the marginal likelihoods with
-that number free under its prior, and fixed. Residuals of one picture are dependent, so the likelihood counts
-by its design effect, as in `backend.bundle.lens_evidence`. Where the evidence is very strong, the read-out
-time becomes a variable of the refinement; else it is fixed.
+Pictures do not tell by what shutter they were taken. The map refined for a global one, or for the time that
+somebody states, is therefore tested: by the change of all pixels for a second of read-out time, with
+everything else free to follow it. The evidence of another time is the ratio of two marginal likelihoods: with
+that number free under its prior, over that with it fixed. Residuals of one picture are dependent, so the
+likelihood counts by its design effect, as in `backend.bundle.lens_evidence`. Where the evidence is very
+strong, the read-out time becomes a variable of the refinement; else it is fixed.
 
 The frames of a video show how the camera moves and turns. Velocities of photographs are those that the
 vehicle reports, where the map lies on Earth. Others are those between neighbours on the map itself, which
@@ -78,9 +78,9 @@ class ReadoutTest:
 
     @property
     def log_evidence(self) -> float:
-        """Logarithm of the ratio of the marginal likelihoods with a free read-out time and the fixed one.
+        """Logarithm of the marginal likelihood with a free read-out time over that with the fixed one.
 
-        It is that of the densities of prior and posterior at the fixed one.
+        It is that of the density of the prior over that of the posterior, both at the fixed time.
         """
         prior, posterior = self.fixed_s / PRIOR_STD_S, (self.readout_s - self.fixed_s) / self.std_s
         return float(0.5 * (posterior**2 - prior**2) - np.log(PRIOR_STD_S / self.std_s))

@@ -203,7 +203,7 @@ def turn_costs(squares: Array) -> Array:
     The size of the noise of each axis is estimated at each delay.
     """
     costs = np.zeros(squares.shape[1:])
-    for of_axis in squares:  # one by one, as all at once take three times the memory of the squares
+    for of_axis in squares:  # one by one: all at once would take three times the memory of the squares
         variance = mean_square(of_axis)
         costs += of_axis / variance + np.log(variance)
     return costs

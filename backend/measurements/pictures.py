@@ -82,8 +82,8 @@ class RowExposure:
     """Read-out time by which the pixels of the tracks are corrected already, in pictures with a known
     ``floor_speed``."""
     is_refuted: bool = False
-    """Whether an earlier map has refuted the stated time, or 0 where none is stated: the time is then a
-    variable from the start, which begins at ``corrected_s``."""
+    """Whether an earlier map has refuted the stated time, or 0 where none is stated. The time is then a
+    variable from the start, with the initial value ``corrected_s``."""
     xy: Array | None = None
     """(4, 2) directions in the picture at depth 1."""
     floor_speed: Array | None = None

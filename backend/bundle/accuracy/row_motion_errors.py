@@ -37,8 +37,8 @@ def row_motion_covariances(
     """Return what errors of the motion during the read-out add to the joint covariances (n, 6 + w, 6 + w) of
     each pose and the world; 0 for a global shutter.
 
-    ``readout_std_s`` is the standard deviation of a read-out time that is a variable. Where it is larger than
-    that of the system, because residuals are dependent, that counts too.
+    ``readout_std_s`` is the standard deviation of a read-out time that is a variable. Because residuals are
+    dependent, it may be larger than that of the system: the difference counts too.
     """
     poses = [POSE(k) for k in range(optimum.problem.measurements.count)]
     world = reduced.structure.columns_of([WORLD]).repeat(len(poses), axis=0)

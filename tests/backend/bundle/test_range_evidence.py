@@ -84,6 +84,22 @@ def test_hills_that_the_beams_hear_are_no_noise_of_the_ranges(monkeypatch: pytes
     assert with_ground_m < 0.7 * without_m
 
 
+def test_copies_of_all_ranges_hardly_tell_the_zero_better():
+    made = make(replace(SCENE, keyframes=30), 0)
+    std_m = []
+    for copies in (1, 9):
+        measured = replace(made.measurements, ranges=made.measurements.ranges * copies)
+        optimum = refine(measured, made.start, made.floor_z_m).optimum
+        std_m.append(range_evidence(optimum, EXACT, BOTH).errors(ZERO)[1][1])
+    assert std_m[1] > 0.7 * std_m[0]
+
+
+def test_an_exact_zero_is_as_uncertain_as_the_relief_that_the_beams_hear():
+    found = told(replace(SCENE, relief=0.03))
+    assert found.prior_std(EXACT)[1] == pytest.approx(found.floor_std_m)
+    assert found.floor_std_m == pytest.approx(0.03, rel=0.3)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("ground", [{}, {"rolling": 0.05}, {"walls": 0.2}])
 @pytest.mark.parametrize("zero_m", [0.0, 0.06])

@@ -9,6 +9,7 @@ import pytest
 from gtsam.symbol_shorthand import X as POSE
 
 from backend.bundle.accuracy.row_motion_errors import row_motion_covariances
+from backend.bundle.exposure_motion import READOUT
 from backend.bundle.graph import WORLD
 from backend.bundle.refinement import Bundle, refine
 from backend.measurements import RowExposure
@@ -140,3 +141,13 @@ def test_the_covariances_of_a_motion_without_errors_are_those_of_the_pixels(foun
     plain = reduced.joint_covariances([POSE(k) for k in range(16)], WORLD)
     share = np.diagonal(added, axis1=1, axis2=2)[:, :6] / np.diagonal(plain, axis1=1, axis2=2)[:, :6]
     assert share.max() < 0.3
+
+
+def test_a_larger_deviation_of_the_read_out_time_counts_in_the_covariances(found: Bundle):
+    linear = found.optimum.linearise()
+    reduced = linear.eliminate()
+    one, two = (row_motion_covariances(found.optimum, linear, reduced, std_s) for std_s in (1.0, 2.0))
+    with_readout = reduced.joint_covariances([POSE(k) for k in range(16)], READOUT)
+    by_second = with_readout[:, :6, 6] / with_readout[:, 6:, 6]
+    expected = 3.0 * by_second[:, :, None] * by_second[:, None, :]
+    np.testing.assert_allclose((two - one)[:, :6, :6], expected, rtol=1e-6, atol=1e-9 * expected.max())
