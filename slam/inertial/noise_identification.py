@@ -133,8 +133,7 @@ def _best_candidate(
             best, gain, worse = candidate, likelihood - before, 0
         elif (worse := worse + 1) == _GIVE_UP:
             break
-    # By Markov's inequality, chance alone gives one candidate a gain of g with a probability of e^-g at most.
-    return best if gain > STRONG_NATS + np.log(len(candidates)) else found
+    return best if gain > STRONG_NATS else found
 
 
 def _ideal_candidates(flight: Flight, trust: InertialTrust) -> list[dict[str, float]]:

@@ -73,7 +73,7 @@ def test_optimize_writes_every_file(done):
     assert set(summary) == {
         "status", "frames", "keyframes", "edges", "landmarks", "timing_s", "peak_rss_mb", "warnings",
         "height_sensor", "attitude", "accuracy_basis", "picture_clock", "not_drawn", "information_shares",
-        "ground", "obstacles", "notes", "certificate",
+        "ground", "obstacles", "notes", "certificate", "rolling_shutter",
     }, "too short a flight for the accelerometer to tell"  # fmt: skip
     assert summary["status"] == "ok"
     assert summary["landmarks"] == 2
