@@ -69,7 +69,7 @@ class Camera:
     readout_s: float = 0.0
     """Readout time. Row i of n is exposed readout_s i / (n - 1) after the stamp; 0 for a global shutter."""
     stated_readout_s: float | None = None
-    """The stated readout time, 0 where none is, where ``readout_s`` is an estimate; None where it is none."""
+    """The stated readout time where ``readout_s`` is an estimate, 0 if none is stated; else None."""
     lens: LensModel = "brown"
     stated: Camera | None = None
     """The camera with the stated lens, where this one is an estimate: the deviations are about it."""

@@ -69,7 +69,7 @@ class RangeEvidence:
 
 
 LEAST_RANGES = 4
-"""Ranges without which their noise is not known."""
+"""Fewer ranges do not tell their noise."""
 _EXACT = 1e-5
 """Standard deviation of what is stated as exact."""
 _MOST_PASSES = 5
@@ -78,7 +78,7 @@ _NEAREST, _NEAR = 8, 0.25
 """Floor points whose mean is the height of the ground below a beam, and how far away they are at most, over
 the mean height: half of a beam is 0.2 to 0.35 rad wide."""
 _LEAST_VIEWS = 2
-"""Pictures without which a point has no height."""
+"""Fewer pictures give a point no height."""
 
 
 def range_evidence(

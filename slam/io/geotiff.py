@@ -138,7 +138,7 @@ def write_geotiff(
     """Write a Cloud-Optimised GeoTIFF to ``path``, complete or not at all.
 
     Blocks first go into a plain tiled file beside it, since overviews need all of them. It is not compressed,
-    as it is read but twice. A raster of at most ``most_pixels`` has no overviews: they take most of the time.
+    as it is read only twice. A raster of at most ``most_pixels`` has no overviews: they take most time.
 
     Raises ``InputError`` if it cannot be written.
     """

@@ -10,14 +10,14 @@ from collections.abc import Hashable, Sequence
 
 from slam.io.photos.exif import PhotoTags
 
-REASON = "time, place and angles are those of another one, as of a copy; the largest file of these is used"
+REASON = "time, place and angles are those of another one, so they are copies; the largest file is used"
 
 
 def are_copies(photos: Sequence[PhotoTags], file_sizes: Sequence[int]) -> list[bool]:
     """Return which photographs of one camera were made at the moment and place of another, with its angles.
 
-    The one with the largest of the ``file_sizes`` is none. A series from one place within a second looks the
-    same, and tells a map no more than one of its photographs.
+    Of these, the one with the largest of the ``file_sizes`` is no copy. A series from one place within a
+    second looks the same, and tells a map no more than one of its photographs.
     """
     alike: dict[Hashable, list[int]] = defaultdict(list)
     for k, tags in enumerate(photos):
@@ -29,8 +29,8 @@ def are_copies(photos: Sequence[PhotoTags], file_sizes: Sequence[int]) -> list[b
 def _moment(tags: PhotoTags) -> Hashable | None:
     """Return time, place and angles; None where one is missing.
 
-    Times are often whole seconds, and a receiver repeats its place. Only with the angles of a gimbal, which
-    move too, they tell one moment from another.
+    Times are often whole seconds, and a receiver repeats its place. Only together with the
+    angles of a gimbal, which move too, do they tell one moment from another.
     """
     place = tags.position.latitude_deg, tags.position.longitude_deg, tags.position.altitude_m
     angles = tags.gimbal or tags.mount

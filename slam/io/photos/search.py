@@ -122,7 +122,7 @@ def _is_folder_link(path: Path) -> bool:
 
 
 def _copies(paths: list[Path]) -> set[Path]:
-    """Return the files that are those of others; of these, the one with the shortest name is none."""
+    """Return the files that are the same as another one; the one with the shortest path is no copy."""
     sizes = Counter(map(_size, paths))
     known: set[object] = set()
     copies: set[Path] = set()

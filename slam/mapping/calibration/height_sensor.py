@@ -1,4 +1,4 @@
-"""Gain and zero of the height sensor: what a flight has of them where it refutes what is stated.
+"""Gain and zero of the height sensor: what a flight tells of them where it refutes what is stated.
 
 A gain or zero that is stated as exact is held. Where it is wrong, the whole map is too large or too small.
 Two heights show a zero, and another instrument that tells lengths shows both. Where the evidence of a wider

@@ -17,9 +17,9 @@ from slam.mapping.map import Map
 Array = NDArray[np.float64]
 
 _SETTLED = 0.05
-"""Change of the read-out time, over itself, beyond which the rows are corrected again. The correction of rows
-is as linear in the read-out time as the flight is even: of a motion of three pixels, the rest is far below a
-tenth of one."""
+"""Relative change of the read-out time beyond which the rows are corrected again. In an even flight the
+correction is linear in that time, and the refinement corrects the rest: of a motion of three pixels, the
+error is far below a tenth of one."""
 
 
 def rolling_shutter(bundle: Bundle | None) -> RollingShutter | None:
