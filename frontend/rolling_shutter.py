@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements.floor_speed import flow_by_turn
 from frontend.camera import Camera
 from frontend.homography import transfer
 
@@ -131,8 +132,7 @@ def _speed(camera: Camera, neighbour: NeighbourView, turned: RotationSinceMiddle
 
 def _turning(x: Array, turn: Array) -> Array:
     """Return the displacements (n, 2) of points (n, 2) under small rotation vectors (n, 3) of the camera."""
-    (u, v), (p, q, r) = x.T, turn.T
-    return np.column_stack([u * v * p - (1 + u * u) * q + v * r, (1 + v * v) * p - u * v * q - u * r])
+    return np.asarray(np.einsum("nab,nb->na", flow_by_turn(x), turn))
 
 
 def _of_plane(x: Array, plane: Array) -> Array:

@@ -49,7 +49,8 @@ from slam.mapping.stages import (
 from slam.mapping.tracked_pictures import TrackedPictures
 
 MOST_PASSES = 2
-"""Obstacles bend the first map and are then misplaced in it; the second pass places them again."""
+"""Obstacles bend the first map and are then misplaced in it; the second pass places them again. A rolling
+shutter bends it too, so that a second pass measures the read-out time again."""
 MOST_REFUTATIONS = len(FIXABLE)
 """A map with one free calibration may refute another one. Each becomes free once: a lens may be refuted
 anew, or change its model to and fro."""
@@ -117,7 +118,7 @@ def _with_overlaps(
 
 
 def _with_refuted_free(finished: _Finished, flight: Flight) -> _Finished:
-    """Map the flight again where the pictures refute a calibration that is fixed: once for each of these
+    """Map the flight again where it refutes a calibration that is fixed: once for each of these
     at most."""
     for _ in range(MOST_REFUTATIONS):
         free = free_refuted_calibrations(

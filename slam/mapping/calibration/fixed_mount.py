@@ -1,9 +1,10 @@
 """How uncertain a camera's mount is that is fixed at its nominal value, and a floor that counts as level.
 
 Pictures show how the camera leans against the floor, and not how the body does: a wrong mount turns all
-poses about the camera, and no residual shows it. Nor does one show that the floor slopes, and all poses with
-it. What shows both are instruments that measure which way is up. Each has a zero of its own, so that the lean
-between such an instrument and the floor is the sum of the mount's error, or the slope, and the instrument's.
+poses about the camera, and no residual shows it. A floor that slopes turns all poses as well, and no
+residual shows that. What shows both are instruments that measure which way is up. Each has a zero of its
+own, so that the lean between such an instrument and the floor is the sum of the mount's error, or the slope,
+and the instrument's.
 """
 
 from __future__ import annotations

@@ -109,7 +109,8 @@ def _zero_stds(stated: RangePrior) -> tuple[float, ...]:
 def _best(found: RangeEvidence, stated: RangePrior) -> RangePrior | None:
     """Return the prior with the most evidence; None if that of the stated one is hardly weaker.
 
-    Where gain alone and zero alone explain the flight about as well, both are free: either may be wrong.
+    Both are free where gain alone and zero alone explain the flight about as well, since either may be wrong.
+    Both are free as well where neither alone explains it.
     """
     gains, zeros = _gain_stds(stated), _zero_stds(stated)
     evidence = {

@@ -1,4 +1,4 @@
-"""Calibrations that are fixed as stated or assumed, and that a flight refutes: of lens, antenna and sonar.
+"""Fixed calibrations that a flight refutes: those of the lens, the antenna and the height sensor.
 
 A refuted calibration becomes a free parameter, with which the flight is mapped again. It stays fixed where
 the flight does not tell it from the others, because then another cause explains the same residuals.

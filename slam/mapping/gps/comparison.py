@@ -141,9 +141,9 @@ class FixComparison:
         altitudes = AltitudesOnMap(agreement.off_m[high, 2], here_m, fixes.stamps_s[high], names)
         return altitude_course_contradiction(altitudes, fixes.std_m[2])
 
-    def _on_map(self, agreement: Agreement, w_T_b: Array, fixes: NDArray[np.bool_]) -> FixesOnMap:
-        """Return those of the ``fixes`` (n,) that are as accurate as is typical, on the map."""
-        used = fixes & (self.fixes.each_std_m[:, :2] <= self.fixes.std_m[:2]).all(axis=1)
+    def _on_map(self, agreement: Agreement, w_T_b: Array, chosen: NDArray[np.bool_]) -> FixesOnMap:
+        """Return the ``chosen`` (n,) fixes on the map, without those less accurate than is typical."""
+        used = chosen & (self.fixes.each_std_m[:, :2] <= self.fixes.std_m[:2]).all(axis=1)
         here_m = self.fixes.on_map(self.stamps_s, w_T_b)[used, :2]
         at_s = self.fixes.stamps_s[used]
         w_R_b = w_T_b[nearest(self.stamps_s, at_s), :3, :3]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ class FixVerdicts:
     """The verdict that the next refinement follows, and what earlier ones have shown."""
 
     agreement: Agreement
-    doubted: Mask = field(default_factory=lambda: np.zeros(0, bool))
+    doubted: Mask
     """(n,) fixes that were left out once because the pictures contradicted their keyframes."""
-    called_back: Mask = field(default_factory=lambda: np.zeros((0, 2), bool))
+    called_back: Mask
     """(n, 2) fixes, and their altitudes, that were used again after a refinement without them."""
 
     @classmethod

@@ -9,16 +9,16 @@ import pytest
 
 from backend.bundle.exposure_motion import PRIOR_STD_S
 from backend.bundle.locate import locate
-from backend.bundle.refinement import Bundle, refine
+from backend.bundle.refinement import Bundle
 from backend.bundle.rolling_shutter import corrected_rows, readout_test
 from backend.measurements import ControlPoint, FloorTracks, RowExposure
 from tests.backend.bundle.made_scenes import SEEDS, SURVEY, WRONG_LENS, errors_squared, position_rms
+from tests.backend.bundle.rolling_scenes import READOUT_S, as_global, refined
 from tests.backend.made_floor import CAMERA, Made, Scene, make
 
-READOUT_S = 0.03
-"""At 15 m/s, the speed of the scene, the camera moves by 0.45 m meanwhile: two pixels."""
 GLOBAL = replace(SURVEY, position_std_m=(0.03, 0.05))
 ROLLING = replace(GLOBAL, readout_s=READOUT_S)
+"""At 15 m/s, the speed of the scene, the camera moves by 0.45 m meanwhile: two pixels."""
 FREE_LENS = replace(WRONG_LENS, keyframes=16)
 
 
@@ -27,14 +27,6 @@ def photographs(scene: Scene, seed: int, **exposure: object) -> Made:
     made = make(scene, seed)
     unknown = RowExposure(int(scene.size_px[1]), None, np.full((scene.keyframes, 3), np.nan))
     return replace(made, measurements=replace(made.measurements, exposure=replace(unknown, **exposure)))
-
-
-def refined(made: Made) -> Bundle:
-    return refine(made.measurements, made.start, made.floor_z_m)
-
-
-def as_global(made: Made) -> Bundle:
-    return refined(replace(made, measurements=replace(made.measurements, exposure=None)))
 
 
 @pytest.fixture(scope="module")

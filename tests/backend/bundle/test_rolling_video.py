@@ -11,12 +11,12 @@ from gtsam.symbol_shorthand import X as POSE
 from backend.bundle.accuracy.row_motion_errors import row_motion_covariances
 from backend.bundle.exposure_motion import READOUT
 from backend.bundle.graph import WORLD
-from backend.bundle.refinement import Bundle, refine
+from backend.bundle.refinement import Bundle
 from backend.measurements import RowExposure
 from tests.backend.bundle.made_scenes import SEEDS, SURVEY, errors_squared, position_rms
+from tests.backend.bundle.rolling_scenes import READOUT_S, as_global, refined
 from tests.backend.made_floor import CAMERA, Made, Scene, camera_turns, make
 
-READOUT_S = 0.03
 GLOBAL = replace(SURVEY, position_std_m=(0.03, 0.05), turn_std_rad_s=0.3)
 ROLLING = replace(GLOBAL, readout_s=READOUT_S)
 """Turns of 0.3 rad/s move the picture by two pixels meanwhile, as much as its speed of 15 m/s does."""
@@ -42,14 +42,6 @@ def floor_speed(made: Made, turn: np.ndarray) -> np.ndarray:
         later = point - 1e-6 * (v @ pose[:3, :3] + np.cross(rate, point))
         out.append((later[:, :2] / later[:, 2:] - XY) / 1e-6)
     return np.array(out)
-
-
-def refined(made: Made) -> Bundle:
-    return refine(made.measurements, made.start, made.floor_z_m)
-
-
-def as_global(made: Made) -> Bundle:
-    return refined(replace(made, measurements=replace(made.measurements, exposure=None)))
 
 
 @pytest.fixture(scope="module")

@@ -35,8 +35,8 @@ def test_without_a_disk_to_write_on_nothing_is_kept(monkeypatch, error) -> None:
         raise error
 
     scratch = PictureScratch(most_mb=100)
-    full = isinstance(error, FileNotFoundError)  # of tempfile, which finds no folder
-    monkeypatch.setattr(*((tempfile, "TemporaryFile") if full else (os, "pwrite")), refuse)
+    no_folder = isinstance(error, FileNotFoundError)  # of tempfile
+    monkeypatch.setattr(*((tempfile, "TemporaryFile") if no_folder else (os, "pwrite")), refuse)
     for k, picture in enumerate(PICTURES):
         scratch.keep(k, picture)
         assert scratch.recall(k, (40, 30)) is None
