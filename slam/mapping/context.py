@@ -50,6 +50,8 @@ class Context:
     refuted: tuple[Refuted, ...] = ()
     """Calibrations that were fixed in an earlier map and that the pictures refuted: they are free parameters
     of this one."""
+    still_fixed: tuple[Refuted, ...] = ()
+    """Calibrations that this map refutes, and that are fixed as no map came out with them free."""
     reason_still_fixed: Message | None = None
     """Why a refuted antenna's place is fixed all the same; None where none is."""
     doubted_lens: Message | None = None

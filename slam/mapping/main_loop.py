@@ -131,7 +131,7 @@ def _with_refuted_free(finished: _Finished, flight: Flight) -> _Finished:
             return replace(finished, context=fixed)
         again = _again(finished, flight, free)
         if again is None:
-            break
+            return replace(finished, context=replace(finished.context, still_fixed=free.refuted))
         finished = again
     return finished
 

@@ -56,6 +56,20 @@ class Refuted:
     stated_ranges: RangePrior | None = None
     """How well gain and zero of a refuted height sensor were stated to be known; None of the others."""
 
+    @property
+    def still_fixed_warning(self) -> Message | None:
+        """The warning where no map came out with it free; None where the errors of the map have one."""
+        if self.errors is not None:
+            return None
+        stream = "cam0" if self.what == "lens" else "sonar0"
+        return about(
+            stream,
+            f"this flight contradicts what is stated of the {self.what}, and no map came out with what the "
+            "flight shows instead",
+            "this map has what is stated, and its lengths may be wrong by more than it says",
+            f"calibrate the {self.what}, and state how sure that is in {stream}/sensor.yaml",
+        )
+
 
 @dataclass(frozen=True)
 class FreeCalibrations:

@@ -161,6 +161,7 @@ def _reasons(
         # First, because instruments contradict a map that a lens has bent.
         systematic if systematic is not None and systematic.kind is Kind.REASON else None,
         _refuted_ranges(context, map_),
+        *(refuted.still_fixed_warning for refuted in context.still_fixed),
         *map_.no_scale,
         *map_.warnings,
         *(control_warnings(map_.control) if map_.control is not None else ()),

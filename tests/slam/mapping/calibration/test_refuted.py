@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,14 +12,20 @@ import pytest
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.bundle.accuracy.systematic_terms import Kind
 from frontend.camera import Camera
+from slam.core.flight import Flight
+from slam.mapping import main_loop
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M, refusal_of_antenna
 from slam.mapping.calibration.refuted import (
+    Fixable,
+    FreeCalibrations,
     ImplausibleFocal,
+    Refuted,
     Suspects,
     suspects,
     with_fixed_focal,
     with_lens_of,
 )
+from slam.mapping.context import Context
 from slam.mapping.map import Map
 from tests.backend.bundle.test_antenna import RTK, flown, refined
 
@@ -46,6 +52,23 @@ def test_an_antenna_is_taken_only_where_positions_tell_it(std_m: float, refused:
     scene = replace(RTK, pixel_std=0.02, told_pixel_std=0.02, position_std_m=(std_m, std_m))
     trial = refined(flown(0, scene), np.zeros(3), NOMINAL_ANTENNA_STD_M)
     assert ("does not tell the antenna's place" in str(refusal_of_antenna(trial))) == refused
+
+
+@pytest.mark.parametrize(("what", "stream"), [("height sensor", "sonar0"), ("lens", "cam0")])
+def test_a_calibration_that_no_map_came_out_with_is_named(
+    what: Fixable, stream: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refuted = Refuted(what, None)
+    free = FreeCalibrations(cast(Camera, None), None, None, (refuted,))
+    values = {f.name: cast(Any, None) for f in fields(Context)} | {"job": SimpleNamespace(camera=None)}
+    before = main_loop._Finished(Context(**values), cast(Map, None), None, (), False)
+    monkeypatch.setattr(main_loop, "free_refuted_calibrations", lambda *_: free)
+    monkeypatch.setattr(main_loop, "_again", lambda *_: None)
+    found = main_loop._with_refuted_free(before, Flight("small"))
+    assert found.context.still_fixed == (refuted,)
+    line = str(refuted.still_fixed_warning)
+    assert line.startswith(f"{stream}: this flight contradicts what is stated of the {what}")
+    assert Refuted(what, errors("radial")).still_fixed_warning is None, "errors of the map have a line"
 
 
 def stretched_map(told: Camera, focal_px: float, georeferenced: bool = False) -> Map:
