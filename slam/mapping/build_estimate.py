@@ -33,10 +33,10 @@ from slam.mapping.calibration.antenna import (
 from slam.mapping.calibration.barometer_errors import barometer_errors, barometer_warning
 from slam.mapping.calibration.camera_mount import mount_tilt
 from slam.mapping.calibration.clock_offset import clock_errors
+from slam.mapping.calibration.found_shutter import rolling_shutter, row_motion
 from slam.mapping.calibration.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.calibration.lens import lens_numbers
 from slam.mapping.calibration.refuted import is_fixed_lens_suspect
-from slam.mapping.calibration.shutter import rolling_shutter, row_motion
 from slam.mapping.calibration.velocity_errors import velocity_errors, velocity_warning
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context

@@ -23,9 +23,9 @@ from slam.core.repeated_readings import without_held_readings
 from slam.core.stage_timer import Stopwatch
 from slam.core.turn_units import in_radians
 from slam.mapping.build_estimate import build_estimate, shared_errors
+from slam.mapping.calibration.found_shutter import with_found_shutter
 from slam.mapping.calibration.height_sensor import range_prior
 from slam.mapping.calibration.refuted import FIXABLE, FreeCalibrations, ImplausibleFocal, with_fixed_focal
-from slam.mapping.calibration.shutter import with_found_shutter
 from slam.mapping.checkpoints.refinement import RefinementCheckpoints
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job

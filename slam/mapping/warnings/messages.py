@@ -29,8 +29,8 @@ from slam.mapping.calibration.clock_offset import (
     clock_warning,
     disagreement_warning,
 )
+from slam.mapping.calibration.found_shutter import refuted_shutter_warning
 from slam.mapping.calibration.picture_turns import disagreements_left
-from slam.mapping.calibration.shutter import refuted_shutter_warning
 from slam.mapping.context import Context
 from slam.mapping.floor_doubts import floor_doubts
 from slam.mapping.front_end import Observations

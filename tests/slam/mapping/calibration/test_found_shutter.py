@@ -10,8 +10,8 @@ import pytest
 
 from backend.bundle.rolling_shutter import ReadoutEstimate
 from slam.core.units import SPACE
+from slam.mapping.calibration.found_shutter import refuted_shutter_warning, with_found_shutter
 from slam.mapping.calibration.rolling_shutter import frames_exposure
-from slam.mapping.calibration.shutter import refuted_shutter_warning, with_found_shutter
 from tests.slam.mapping.made_map import CAMERA
 
 FOUND = ReadoutEstimate(0.018, 0.0002, 0.04, None, is_estimated=True, known_velocities=40)
