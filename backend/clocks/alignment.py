@@ -39,9 +39,12 @@ from backend.significance import RIVAL_CHI_SQUARE
 
 Array = NDArray[np.float64]
 
-LARGEST_DRIFT, CRYSTAL_DRIFT = 1e-3, 1e-4
-"""Prior standard deviations of the drift: a video of 29.97 pictures a second that says 30 drifts by the
-first, and the crystals of cheap clocks differ by the second."""
+LARGEST_DRIFT = 1e-3
+"""Prior standard deviation of the drift of a wrong rate: a video of 29.97 pictures a second that says 30."""
+_CRYSTAL_TOLERANCE = 5e-5
+"""Rate error within which makers guarantee plain quartz crystals, with temperature: 10 to 50 ppm."""
+CRYSTAL_DRIFT = float(np.sqrt(2 / 3)) * _CRYSTAL_TOLERANCE
+"""Prior standard deviation of the drift between two crystals: any error within the tolerance is as likely."""
 _SEARCH_S = 0.5
 """Error of a candidate from the rates of turn: some steps of the signals."""
 _CANDIDATES = 8
