@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.contradicted import contradicted_keyframes
+from backend.bundle.position_steps import position_step
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
 from backend.inertial_scale.scale import NoScale
@@ -27,6 +28,7 @@ from slam.mapping.control_points import ControlComparison
 from slam.mapping.floor_points import refined_floor_points
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
+from slam.mapping.gps.steps import step_warning
 from slam.mapping.gps.verdicts import FixVerdicts
 from slam.mapping.map import Map, largest_first
 from slam.mapping.map_part import MapPart
@@ -203,9 +205,11 @@ class _Evidence:
             return placed
         fixes = placed.refined_fixes(fixes)
         messages = fixes.messages(agreement)
+        step = position_step(placed.bundle.optimum) if placed.bundle else None
+        aside = [step_warning(step, fixes.fixes, fixes.stamps_s)] if step else []
         return replace(
             placed,
-            warnings=(*placed.warnings, *messages.warnings),
+            warnings=(*placed.warnings, *messages.warnings, *aside),
             remarks=(*placed.remarks, *messages.remarks),
             fixes_left_out=messages.left_out,
             stated_accuracy=tuple(fixes.contradictions(agreement, placed.w_T_b)),

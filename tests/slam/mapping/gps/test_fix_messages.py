@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backend.bundle.position_steps import PositionStep
 from slam.core.units import SPACE
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.gps.fixes import Fixes
 from slam.mapping.gps.messages import fix_messages
+from slam.mapping.gps.steps import step_warning
 
 
 def fixes(n):
@@ -110,3 +112,10 @@ def test_a_jump_is_told_with_the_fixes_on_both_sides():
     off[6:, 1] += 40.0
     (line,) = map(str, fix_messages(replace(fixes(12), stated=False), agreement(off)).warnings)
     assert re.search("jump against the pictures by (39|40|41).* m from P05.jpg to P06.jpg", plain(line))
+
+
+def test_a_step_of_the_fixes_is_told_with_its_photograph_and_size():
+    step = PositionStep(3, np.array([0.3, -0.4, 0.0]), np.array([0.05, 0.05, 0.1]))
+    line = step_warning(step, fixes(6), 2.0 * np.arange(6))
+    assert f"from about {fixes(6).names[3]} on, the fixes lie 0.50{SPACE}m aside" in line.text
+    assert "correct the fixes of one side" in line.text

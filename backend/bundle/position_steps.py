@@ -1,0 +1,103 @@
+"""Test of a refinement for a step in the measured positions: from one on, all lie aside by the same.
+
+Positions that are more exact than the pictures hold their poses, and the map bends until it follows them.
+Their residuals stay small whatever they are, but those of many together have a direction. The step is tested
+by its score, the gradient by its size with all variables eliminated.
+
+Source: Rao 1948 (score test); the largest of several tests counts by Bonferroni's inequality.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.bundle.factors import OFFSET
+from backend.bundle.graph import WORLD
+from backend.bundle.minimise import BundleOptimum
+from backend.quantiles import chi_square_limit
+from backend.significance import FALSE_ALARM, RIVAL_CHI_SQUARE
+from backend.sparse_cholesky import SingularMatrixError
+
+Array = NDArray[np.float64]
+
+_MOST_STEPS = 64
+"""Positions at which a step is tried. One between two of these shows at both."""
+_LEAST_BESIDE = 3
+"""Positions on each side of a step. Of two, one may be wrong, which other tests tell."""
+_HELD = 0.5
+"""Least mean leverage of positions that hold their poses. The residuals of others show their errors."""
+_SEEN = 1e-6
+"""Share of its squares that elimination must leave of a step: less is rounding, and nothing tells it."""
+
+
+@dataclass(frozen=True)
+class PositionStep:
+    """A step in the measured positions."""
+
+    keyframe: int
+    """The first one that it shows at."""
+    shift_m: Array
+    """(3,) east, north and up, of the later positions against the earlier ones; (2,) without heights."""
+    std_m: Array
+    """(3,) or (2,), its standard deviations."""
+
+
+def position_step(optimum: BundleOptimum) -> PositionStep | None:
+    """Return the most significant step beyond chance; None without any, or where the pictures are more exact
+    than the positions."""
+    positions = optimum.problem.measurements.positions
+    n = len(positions)
+    if n < 2 * _LEAST_BESIDE:
+        return None
+    axes = np.flatnonzero(np.isfinite([p.std_m for p in positions]).all(axis=0))
+    keyframes = np.array([p.k for p in positions])
+    order = np.argsort(keyframes, kind="stable")
+    try:
+        linear = optimum.linearise()
+        reduced = linear.eliminate()
+    except SingularMatrixError:
+        return None
+    rows = np.flatnonzero(optimum.cost.pose_side.rows_of("position"))
+    jacobian, residuals = linear.pose_side.tocsr()[rows], linear.pose_side_right[rows]
+    # A step is an offset of the later positions alone.
+    aside = -jacobian[:, linear.structure.columns_of([WORLD])[0][OFFSET][axes]].toarray()
+    place = np.empty(n, dtype=np.int64)
+    place[order] = np.arange(n)
+    steps = n - 2 * _LEAST_BESIDE + 1
+    first = _LEAST_BESIDE + np.unique(np.linspace(0, steps - 1, min(steps, _MOST_STEPS)).astype(int))
+    is_later = np.repeat(place[:, None] >= first, 3, axis=0)
+    later = (is_later[:, :, None] * aside[:, None, :]).reshape(len(rows), -1)
+    right = np.asarray(jacobian.T @ later)
+    squares, absorbed = later.T @ later, right.T @ reduced.factor.solve(right)
+    if np.trace(absorbed) < _HELD * np.trace(squares):
+        return None
+    # Noise that came out smaller than stated may be so by chance.
+    stated_m = np.median([p.std_m[axes] for p in positions], axis=0)
+    doubt = max(1.0, float(np.max(stated_m / optimum.noise.position_m[axes])))
+    information = np.array([squares, squares - absorbed]) / doubt**2
+    return _largest(keyframes[order][first], *information, score=-later.T @ residuals / doubt**2)
+
+
+def _largest(keyframes: NDArray[np.int64], squares: Array, left: Array, score: Array) -> PositionStep | None:
+    """Return the step with the largest score beyond chance, of those at ``keyframes`` (s,).
+
+    ``left`` (d s, d s) is the information of the steps along d axes, which had ``squares`` (d s, d s) before
+    elimination. Of scores that are equally good, that of the step nearest to the middle counts.
+    """
+    d = len(score) // len(keyframes)
+    steps, statistics = [], []
+    for at, keyframe in enumerate(keyframes.tolist()):
+        own = slice(d * at, d * at + d)
+        if np.linalg.eigvalsh(left[own, own])[0] <= _SEEN * squares[own, own].trace():
+            continue
+        covariance = np.linalg.inv(left[own, own])
+        steps.append((at, PositionStep(keyframe, covariance @ score[own], np.sqrt(np.diag(covariance)))))
+        statistics.append(float(score[own] @ covariance @ score[own]))
+    largest = max(statistics, default=0.0)
+    if largest <= chi_square_limit(FALSE_ALARM / len(keyframes), d):
+        return None
+    good = [step for step, by in zip(steps, statistics, strict=True) if by >= largest - RIVAL_CHI_SQUARE]
+    return min(good, key=lambda each: abs(each[0] - (len(keyframes) - 1) / 2))[1]
