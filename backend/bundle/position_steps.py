@@ -77,8 +77,8 @@ def position_step(optimum: BundleOptimum) -> PositionStep | None:
     # Noise that came out smaller than stated may be so by chance.
     stated_m = np.median([p.std_m[axes] for p in positions], axis=0)
     doubt = max(1.0, float(np.max(stated_m / optimum.noise.position_m[axes])))
-    information = np.array([squares, squares - absorbed]) / doubt**2
-    return _largest(keyframes[order][first], *information, score=-later.T @ residuals / doubt**2)
+    left, score = squares - absorbed, -later.T @ residuals
+    return _largest(keyframes[order][first], squares / doubt**2, left / doubt**2, score / doubt**2)
 
 
 def _largest(keyframes: NDArray[np.int64], squares: Array, left: Array, score: Array) -> PositionStep | None:
