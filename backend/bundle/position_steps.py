@@ -54,7 +54,6 @@ def position_step(optimum: BundleOptimum) -> PositionStep | None:
         return None
     axes = np.flatnonzero(np.isfinite([p.std_m for p in positions]).all(axis=0))
     keyframes = np.array([p.k for p in positions])
-    order = np.argsort(keyframes, kind="stable")
     try:
         linear = optimum.linearise()
         reduced = linear.eliminate()
@@ -64,11 +63,10 @@ def position_step(optimum: BundleOptimum) -> PositionStep | None:
     jacobian, residuals = linear.pose_side.tocsr()[rows], linear.pose_side_right[rows]
     # A step is an offset of the later positions alone.
     aside = -jacobian[:, linear.structure.columns_of([WORLD])[0][OFFSET][axes]].toarray()
-    place = np.empty(n, dtype=np.int64)
-    place[order] = np.arange(n)
     steps = n - 2 * _LEAST_BESIDE + 1
-    first = _LEAST_BESIDE + np.unique(np.linspace(0, steps - 1, min(steps, _MOST_STEPS)).astype(int))
-    is_later = np.repeat(place[:, None] >= first, 3, axis=0)
+    tried = np.unique(np.linspace(0, steps - 1, min(steps, _MOST_STEPS)).astype(int))
+    first = np.sort(keyframes)[_LEAST_BESIDE + tried]
+    is_later = np.repeat(keyframes[:, None] >= first, 3, axis=0)
     later = (is_later[:, :, None] * aside[:, None, :]).reshape(len(rows), -1)
     right = np.asarray(jacobian.T @ later)
     squares, absorbed = later.T @ later, right.T @ reduced.factor.solve(right)
@@ -78,7 +76,7 @@ def position_step(optimum: BundleOptimum) -> PositionStep | None:
     stated_m = np.median([p.std_m[axes] for p in positions], axis=0)
     doubt = max(1.0, float(np.max(stated_m / optimum.noise.position_m[axes])))
     left, score = squares - absorbed, -later.T @ residuals
-    return _largest(keyframes[order][first], squares / doubt**2, left / doubt**2, score / doubt**2)
+    return _largest(first, squares / doubt**2, left / doubt**2, score / doubt**2)
 
 
 def _largest(keyframes: NDArray[np.int64], squares: Array, left: Array, score: Array) -> PositionStep | None:
