@@ -18,7 +18,7 @@ from backend.bundle.factors import OFFSET
 from backend.bundle.graph import WORLD
 from backend.bundle.minimise import BundleOptimum
 from backend.quantiles import chi_square_limit
-from backend.significance import FALSE_ALARM, RIVAL_CHI_SQUARE
+from backend.significance import FALSE_ALARM, RIVAL_CHI_SQUARE, SURE_SIGMAS
 from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
@@ -70,11 +70,13 @@ def position_step(optimum: BundleOptimum) -> PositionStep | None:
     later = (is_later[:, :, None] * aside[:, None, :]).reshape(len(rows), -1)
     right = np.asarray(jacobian.T @ later)
     squares, absorbed = later.T @ later, right.T @ reduced.factor.solve(right)
-    if np.trace(absorbed) < _HELD * np.trace(squares):
+    share = float(np.trace(absorbed) / np.trace(squares))
+    if share < _HELD:
         return None
-    # Noise that came out smaller than stated may be so by chance.
+    # Noise that came out smaller than stated may be so by chance: few residuals are left to tell it.
     stated_m = np.median([p.std_m[axes] for p in positions], axis=0)
-    doubt = max(1.0, float(np.max(stated_m / optimum.noise.position_m[axes])))
+    chance = 1.0 + SURE_SIGMAS / np.sqrt(2.0 * max((1.0 - share) * n * len(axes), 1.0))
+    doubt = float(np.clip(np.max(stated_m / optimum.noise.position_m[axes]), 1.0, chance))
     left, score = squares - absorbed, -later.T @ residuals
     return _largest(first, squares / doubt**2, left / doubt**2, score / doubt**2)
 
