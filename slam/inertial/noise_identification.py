@@ -1,16 +1,15 @@
 """Identification of noise, delays and AR(1) errors of the instruments by maximum likelihood.
 
 The filter runs with each candidate over the two minutes with most motion. Its score is the likelihood of its
-innovations in motion: attitude, range, velocity, position, barometer and visual steps. For a delay, those of
-gyro and accelerometer count too. A modelled error that is absent lowers the likelihood, so the simplest
-sufficient model wins.
+innovations in motion: attitude, range, velocity, position, barometer and visual steps; for a delay, of all
+readings. A modelled error that is absent lowers the likelihood, so the simplest sufficient model wins.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from backend.ekf.inputs import READINGS, Readings, VisualStep, renumber_steps
 from backend.quantiles import chi_square_quantile
 from backend.significance import STRONG_NATS
 from slam.core.progress import Progress, silent
+from slam.inertial.calibrated_gain import calibrated_gain
 from slam.inertial.filter_input import Adjustments, FilterInput, filter_input
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.start_heading import find_start_heading
@@ -40,6 +40,9 @@ _DELAYS_S = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
 _ROUNDING_S = 1e-6
 """More than a stamp changes by rounding when a delay is taken out and added again: seconds since 1970 have
 steps of 2.4e-7 s."""
+_PART_S = 1.0
+"""Length of the parts of a flight whose scatter calibrates the gain of a delay. In 150 simulated flights,
+parts of 0.5 s and of 2 s show the same scatter within 20 %."""
 _GIVE_UP = 2
 """Number of successive candidates without gain after which the search stops; one may be chance."""
 _QUANTILES = (0.5, 0.9)
@@ -97,11 +100,11 @@ def identify_noise(
     trial = _Trial(flight, progress, stamps_s, steps, first.start is None and first.heading is None)
     found = _inflated(trial, trust, first)
     for name in _DELAYED:
-        found = _best_candidate(trial, trust, found, name, "delay_s", _DELAYS_S)
+        found = _with_delay(trial, trust, found, name)
     found = _inflated(trial, trust, replace(found, noise_factor={}))
     correlated = _inflated_over(trial, trust, found, _WINDOWS_S, _WINDOW_ROUNDS, trial.spread)
     for name in _INERTIAL:
-        found = _best_candidate(trial, trust, found, name, "noise_factor", _NOISE_FACTORS)
+        found = _with_noise(trial, trust, found, name)
     found = replace(found, noise_factor={**found.noise_factor, **correlated.noise_factor})
     best = trial.likelihood(trust, found)
     candidates = _ideal_candidates(flight, trust) if trial.rest.any_motion else []
@@ -113,28 +116,46 @@ def identify_noise(
     return filter_input(flight, trust, found)
 
 
-def _best_candidate(
-    trial: _Trial,
-    trust: InertialTrust,
-    found: Adjustments,
-    name: str,
-    kind: Literal["delay_s", "noise_factor"],
-    candidates: tuple[float, ...],
-) -> Adjustments:
-    """Return ``found`` with the most likely value of one channel, if its gain is significant."""
+def _with_delay(trial: _Trial, trust: InertialTrust, found: Adjustments, name: str) -> Adjustments:
+    """Return ``found`` with the most likely delay of one channel, if its gain is significant."""
     if getattr(trial.nominal, READINGS[name]) is None:
         return found
-    score = trial.likelihood_at_any_delay if kind == "delay_s" else trial.likelihood
-    before, best, gain, worse = score(trust, found), found, 0.0, 0
-    for value in candidates:
-        tried = {**getattr(found, kind), name: value}
-        candidate = replace(found, delay_s=tried) if kind == "delay_s" else replace(found, noise_factor=tried)
-        likelihood = score(trust, candidate)
-        if likelihood - before > gain:
-            best, gain, worse = candidate, likelihood - before, 0
-        elif (worse := worse + 1) == _GIVE_UP:
+
+    def delayed(delay_s: float) -> Adjustments:
+        return replace(found, delay_s={**found.delay_s, name: delay_s})
+
+    delays_s = (0.0, *_DELAYS_S)
+    parts = _tried(lambda delay_s: trial.likelihoods_at_any_delay(trust, delayed(delay_s)), delays_s)
+    if calibrated_gain(np.array(delays_s[: len(parts)]), parts) <= STRONG_NATS:
+        return found
+    return delayed(delays_s[int(np.argmax(parts.sum(axis=1)))])
+
+
+def _with_noise(trial: _Trial, trust: InertialTrust, found: Adjustments, name: str) -> Adjustments:
+    """Return ``found`` with the most likely noise of one channel, if its gain is significant."""
+    if getattr(trial.nominal, READINGS[name]) is None:
+        return found
+
+    def noisier(factor: float) -> Adjustments:
+        return replace(found, noise_factor={**found.noise_factor, name: factor})
+
+    factors = (1.0, *_NOISE_FACTORS)
+    likelihoods = _tried(lambda factor: np.array([trial.likelihood(trust, noisier(factor))]), factors)[:, 0]
+    best = int(np.argmax(likelihoods))
+    return noisier(factors[best]) if likelihoods[best] - likelihoods[0] > STRONG_NATS else found
+
+
+def _tried(likelihoods_of: Callable[[float], Array], candidates: tuple[float, ...]) -> Array:
+    """Return the likelihoods (n, p) of the first n candidates, until ``_GIVE_UP`` in a row gain nothing."""
+    tried = [likelihoods_of(candidates[0])]
+    most, worse = float(tried[0].sum()), 0
+    for candidate in candidates[1:]:
+        tried.append(likelihoods_of(candidate))
+        worse = 0 if tried[-1].sum() > most else worse + 1
+        most = max(most, float(tried[-1].sum()))
+        if worse == _GIVE_UP:
             break
-    return best if gain > STRONG_NATS else found
+    return np.array(tried)
 
 
 def _ideal_candidates(flight: Flight, trust: InertialTrust) -> list[dict[str, float]]:
@@ -209,24 +230,23 @@ class _Trial:
             if name in _SCORED
         )
 
-    def likelihood_at_any_delay(self, trust: InertialTrust, adjustments: Adjustments) -> float:
-        """Return the likelihood of the readings that no delay moves out of the filter's time.
+    def likelihoods_at_any_delay(self, trust: InertialTrust, adjustments: Adjustments) -> Array:
+        """Return the likelihoods (p,) of parts of the flight, of readings that no delay moves out of the
+        filter's time.
 
         Otherwise a delay would gain or lose likelihood only because it leaves readings out. Those of gyro and
         accelerometer count too: a delay puts readings in another order, in which a part of the same evidence
         passes from one instrument to the other. Without them, that alone changed the sum by up to 13 nats.
         """
         inputs = self.inputs(trust, adjustments)
-        found = self.run(inputs).channels
         start_s, until_s = _limits_s(inputs)
         first_s, last_s = start_s + max(_DELAYS_S) + _ROUNDING_S, until_s - _ROUNDING_S
-        total = 0.0
-        for name in (name for name in (*_INERTIAL, *_SCORED) if name in found):
-            read_s = found[name].stamps_s + adjustments.delay_s.get(name, 0.0)
-            kept = self.rest.moves_at(read_s)
-            if name in _DELAYED:
-                kept &= (read_s > first_s) & (read_s < last_s)
-            total += float(found[name].log_likelihoods[kept].sum())
+        total = np.zeros(max(1, int(np.ceil((last_s - first_s) / _PART_S))))
+        for name, channel in self.run(inputs).channels.items():
+            read_s = channel.stamps_s + adjustments.delay_s.get(name, 0.0)
+            kept = self.rest.moves_at(read_s) & (read_s > first_s) & (read_s < last_s)
+            part = ((read_s[kept] - first_s) / _PART_S).astype(np.int64)
+            np.add.at(total, part, channel.log_likelihoods[kept])
         return total
 
 

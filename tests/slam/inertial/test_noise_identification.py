@@ -39,10 +39,10 @@ def test_each_delay_is_scored_by_the_same_readings(start_s: float, monkeypatch: 
     trial.from_s, trial.rest = start_s, RestWindows(np.zeros(0), np.zeros(0, dtype=bool))
     delays_s = (0.0, *noise_identification._DELAYS_S)
     counts = {
-        trial.likelihood_at_any_delay(InertialTrust(), Adjustments(delay_s={"velocity": delay_s}))
+        tuple(trial.likelihoods_at_any_delay(InertialTrust(), Adjustments(delay_s={"velocity": delay_s})))
         for delay_s in delays_s
     }
-    assert counts == {45.0}
+    assert counts == {(10.0, 10.0, 10.0, 10.0, 5.0)}
 
 
 @pytest.mark.parametrize("seed", [0, 4, 5])
@@ -50,7 +50,7 @@ def test_the_order_of_readings_gains_no_likelihood(seed: int) -> None:
     """Without the accelerometer, which shared it, a healthy flight gained 4 to 7 nats by a delay of 20 ms."""
     trial = noise_identification._Trial(made_flight(seed), silent, np.zeros(0), (), starts_anywhere=True)
     on_time, late = (
-        trial.likelihood_at_any_delay(InertialTrust(), Adjustments(delay_s={"velocity": delay_s}))
+        trial.likelihoods_at_any_delay(InertialTrust(), Adjustments(delay_s={"velocity": delay_s})).sum()
         for delay_s in (0.0, 0.02)
     )
     assert late - on_time < STRONG_NATS
@@ -64,3 +64,10 @@ def test_two_minutes_begin_where_the_vehicle_begins_to_move(monkeypatch: pytest.
     inputs = trial.inputs(InertialTrust(), Adjustments())
     assert inputs.start_s == pytest.approx(-2.0, abs=0.6)
     assert trial.rest.moves_at(np.array([-1.5, 5.0])).tolist() == [False, True]
+
+
+def test_a_delay_that_gains_no_more_than_the_scatter_is_not_kept() -> None:
+    """The likelihood of the range gains 5.1 nats by a delay of 0.2 s in this healthy flight."""
+    trial = noise_identification._Trial(made_flight(154), silent, np.zeros(0), (), starts_anywhere=True)
+    found = noise_identification._with_delay(trial, InertialTrust(), Adjustments(), "range")
+    assert found.delay_s == {}
