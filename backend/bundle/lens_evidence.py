@@ -64,8 +64,7 @@ def log_marginal_likelihood(gradient: Array, information: Array, prior: Array) -
 
 def _design_effect(optimum: BundleOptimum, weights: Array) -> float:
     """Return the design effect of the sum of the lens's numbers with ``weights`` (q,)."""
-    linear = optimum.linearise()
-    (jacobian, residuals), reduced = linear.jacobian(), linear.eliminate()
+    jacobian, residuals, reduced = optimum.eliminated()
     by_pose = np.zeros((reduced.size, 1))
     by_pose[reduced.structure.columns(CALIBRATION(0)), 0] = weights
     change = reduced.solve(by_pose, np.zeros((jacobian.shape[1] - reduced.size, 1)))

@@ -10,12 +10,12 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, csr_array
 
 from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, pose_side_factors
 from backend.bundle.observations import Cameras, FloorObservations
 from backend.bundle.pose_side_factors import PoseSideFactors
-from backend.bundle.reduced_system import LinearSystem, Structure
+from backend.bundle.reduced_system import LinearSystem, ReducedSystem, Structure
 from backend.errors import BackendError
 from backend.gauge import key_name
 from backend.pose_graph.descent import (
@@ -105,6 +105,14 @@ class BundleOptimum:
     def linearise(self) -> LinearSystem:
         """Return the linear system at the optimum."""
         return self.cost.linearise(self.at, self.structure)
+
+    def eliminated(self) -> tuple[csr_array, Array, ReducedSystem]:
+        """Return the whole Jacobian at the optimum, the right-hand side, and the system without the points.
+
+        The blocks that both are made of are not kept: they are nearly as large as the Jacobian.
+        """
+        linear = self.linearise()
+        return *linear.jacobian(), linear.eliminate()
 
     def standard_deviations(self, key: int) -> Array:
         """Return those of the numbers (d,) of a vector among the variables of the pose side.

@@ -56,20 +56,21 @@ def position_step(optimum: BundleOptimum) -> PositionStep | None:
     keyframes = np.array([p.k for p in positions])
     try:
         linear = optimum.linearise()
-        reduced = linear.eliminate()
+        factor = linear.eliminate().factor
     except SingularMatrixError:
         return None
     rows = np.flatnonzero(optimum.cost.pose_side.rows_of("position"))
     jacobian, residuals = linear.pose_side.tocsr()[rows], linear.pose_side_right[rows]
+    del linear  # its blocks are as large as the columns of the steps
     # A step is an offset of the later positions alone.
-    aside = -jacobian[:, linear.structure.columns_of([WORLD])[0][OFFSET][axes]].toarray()
+    aside = -jacobian[:, optimum.structure.columns_of([WORLD])[0][OFFSET][axes]].toarray()
     steps = n - 2 * _LEAST_BESIDE + 1
     tried = np.unique(np.linspace(0, steps - 1, min(steps, _MOST_STEPS)).astype(int))
     first = np.sort(keyframes)[_LEAST_BESIDE + tried]
     is_later = np.repeat(keyframes[:, None] >= first, 3, axis=0)
     later = (is_later[:, :, None] * aside[:, None, :]).reshape(len(rows), -1)
     right = np.asarray(jacobian.T @ later)
-    squares, absorbed = later.T @ later, right.T @ reduced.factor.solve(right)
+    squares, absorbed = later.T @ later, right.T @ factor.solve(right)
     share = float(np.trace(absorbed) / np.trace(squares))
     if share < _HELD:
         return None

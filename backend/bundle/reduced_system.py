@@ -249,7 +249,8 @@ class LinearSystem:
         points = seen.prior_right.size
         lens = np.broadcast_to(s.of_calibration, (len(s.camera), len(s.of_calibration)))
         of_point = size + 3 * s.observations.track[:, None] + np.arange(3)
-        columns = np.hstack([s.of_cameras.reshape(-1, 6)[s.camera], lens, of_point])
+        # Indices of four bytes: those of eight would be as large as the values.
+        columns = np.hstack([s.of_cameras.reshape(-1, 6)[s.camera], lens, of_point]).astype(np.int32)
         values = np.concatenate([seen.of_pose, seen.of_calibration, seen.of_point], axis=2)
         prior, sensors = (1.0 / s.observations.prior_std).ravel(), csr_array(self.pose_side)
         width, each = size + points, np.arange(points + 1)
@@ -267,7 +268,7 @@ class LinearSystem:
 def _by_rows(values: Array, column: NDArray[np.integer], begin: NDArray[np.integer], width: int) -> csr_array:
     """Return a matrix of the values in some columns, those of each row from ``begin`` (rows + 1,) on."""
     # Large arrays, of which scipy would keep indices of eight bytes.
-    entries = values.ravel(), column.ravel().astype(np.int32), begin.astype(np.int32)
+    entries = values.ravel(), column.ravel().astype(np.int32, copy=False), begin.astype(np.int32)
     return csr_array(entries, shape=(len(begin) - 1, width))
 
 

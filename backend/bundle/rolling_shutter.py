@@ -148,12 +148,14 @@ def readout_test(optimum: BundleOptimum) -> ReadoutTest | None:
     cost = _doubting_cost(problem, optimum, at)
     doubted = replace(optimum, cost=cost, at=at, structure=cost.structure(at))
     linear = doubted.linearise()
+    gradient = linear.gradient
     try:
-        reduced = linear.eliminate()
+        (jacobian, residuals), reduced = linear.jacobian(), linear.eliminate()
     except SingularMatrixError:
         return None
-    (jacobian, residuals), columns = linear.jacobian(), reduced.structure.columns(READOUT)
-    step, _ = reduced.solve(*linear.gradient)
+    del linear  # its blocks are nearly as large as the Jacobian
+    step, _ = reduced.solve(*gradient)
+    columns = reduced.structure.columns(READOUT)
     unit = np.zeros((reduced.size, 1))
     unit[columns] = 1.0
     change = reduced.solve(unit, np.zeros((jacobian.shape[1] - reduced.size, 1)))

@@ -48,8 +48,7 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
 
     Raises ``SingularMatrixError`` if a direction is open.
     """
-    linear = optimum.linearise()
-    (jacobian, _), reduced = linear.jacobian(), linear.eliminate()
+    jacobian, _, reduced = optimum.eliminated()
     columns = reduced.structure.columns
     k, of_pose = _farthest(optimum)
     gradient = np.zeros((reduced.size, _GROUND.stop))
@@ -61,13 +60,13 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
         (_GROUND, ground_jacobians(optimum)[k]),
     ):
         gradient[at[: J.shape[1]], quantities] = J.T
-    of_points = np.zeros((linear.seen.prior_right.size, gradient.shape[1]))
+    of_points = np.zeros((optimum.at.point.size, gradient.shape[1]))
     if optimum.problem.has_scale:
         gradient[:, _SCALE], of_points[:, _SCALE] = (each[:, 0] for each in gradients(optimum, reduced))
     else:  # What is fixed in place of a length says all.
         gradient[columns(WORLD).start + LOG_SCALE, _SCALE] = 1.0
     rows = np.asarray(jacobian @ np.vstack(reduced.solve(gradient, of_points)))
-    pictures, floor = ["pictures"] * linear.seen.right.size, ["flat_floor"] * len(of_points)
+    pictures, floor = ["pictures"] * optimum.cost.observations.pixel.size, ["flat_floor"] * len(of_points)
     instrument = np.array([*pictures, *floor, *optimum.cost.pose_side.instruments])
     names = sorted(set(instrument.tolist()))
     variance = np.array([_variances(rows[instrument == name], optimum, k) for name in names])

@@ -37,8 +37,7 @@ def metric_point_stds(optimum: BundleOptimum, seed: int = 0, draws: int = _DRAWS
     Raises ``SingularMatrixError`` if a direction is open. Source: Papandreou and Yuille, "Gaussian sampling
     by local perturbations", NIPS 2010.
     """
-    linear = optimum.linearise()
-    (A, _), reduced = linear.jacobian(), linear.eliminate()
+    A, _, reduced = optimum.eliminated()
     world = reduced.structure.columns(WORLD)
     of_point, of_world = point_jacobians(optimum)
     rng, squares, size = np.random.default_rng(seed), np.zeros((len(of_world), 3)), reduced.size

@@ -217,8 +217,7 @@ def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
     """Return the scores, and the displacements (n, 6, c) of metric poses by a unit of each coefficient."""
     optimum = bundle.optimum
     problem, values = optimum.problem, optimum.values
-    linear = optimum.linearise()
-    (jacobian, left), reduced = linear.jacobian(), linear.eliminate()
+    jacobian, left, reduced = optimum.eliminated()
 
     def absorbed_by_fit(column: Array) -> tuple[Array, Array]:
         """Return what all variables absorb of columns, and the change of those of the pose side."""
@@ -226,7 +225,7 @@ def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
         by_pose, by_point = reduced.solve(gradient[: reduced.size], gradient[reduced.size :])
         return jacobian @ np.vstack([by_pose, by_point]), by_pose
 
-    added = added_columns(optimum, linear, len(left))
+    added = added_columns(optimum, jacobian)
     to_metres = metric_jacobians(problem, values, origin(problem, values))
     n = len(to_metres)
     columns: dict[Kind, Array] = {}

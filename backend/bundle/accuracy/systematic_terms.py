@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from backend import se3
 from backend.bundle.factors import LOG_SCALE
@@ -17,7 +18,6 @@ from backend.bundle.lens import CENTER, FOCAL, NAMES
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import distorted
-from backend.bundle.reduced_system import LinearSystem
 from backend.measurements import LensModel
 
 Array = NDArray[np.float64]
@@ -61,17 +61,17 @@ class AddedColumns:
     """(rows,) keyframe of each row; 0 for rows that belong to none."""
 
 
-def added_columns(optimum: BundleOptimum, linear: LinearSystem, rows: int) -> AddedColumns:
+def added_columns(optimum: BundleOptimum, jacobian: csr_array) -> AddedColumns:
     """Return the columns for the lens and, where there are positions, for an offset in body axes.
 
     The offset is forward and left. Upward it would be one of the world's height, which is free.
 
-    They are whitened, with the weights of the robust losses, in the order of the ``rows`` of
-    `LinearSystem.jacobian`.
+    They are whitened, with the weights of the robust losses, in the order of the rows of
+    ``jacobian``, that of `LinearSystem.jacobian` at the optimum.
     """
-    columns = _of_pixels(optimum, rows)
+    columns = _of_pixels(optimum, jacobian.shape[0])
     if optimum.problem.measurements.positions:
-        columns["position offset"] = _of_positions(optimum, linear, rows)
+        columns["position offset"] = _of_positions(optimum, jacobian)
     return AddedColumns(columns, np.maximum(row_pictures(optimum), 0))
 
 
@@ -97,15 +97,15 @@ def _of_pixels(optimum: BundleOptimum, rows: int) -> dict[Kind, Array]:
     return columns
 
 
-def _of_positions(optimum: BundleOptimum, linear: LinearSystem, rows: int) -> Array:
+def _of_positions(optimum: BundleOptimum, jacobian: csr_array) -> Array:
     """Return the columns (rows, 2): an offset moves a position as a motion of the camera does."""
     factors = optimum.cost.pose_side
     mine = np.flatnonzero(factors.rows_of("position"))
     scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
     c_T_b = se3.inverse(optimum.problem.b_T_c(optimum.values))
-    by_row, columns = linear.pose_side.tocsr(), np.zeros((rows, 2))
-    of_pose_side = columns[rows - by_row.shape[0] :]
+    columns, begin = np.zeros((jacobian.shape[0], 2)), jacobian.shape[0] - len(factors.keyframes)
+    by_row, of_pose_side = jacobian[begin:, : optimum.structure.elimination.size], columns[begin:]
     for row, k in zip(mine.tolist(), factors.keyframes[mine].tolist(), strict=True):
-        along = by_row[[row]].toarray()[0, linear.structure.columns(POSE(k))][3:]
+        along = by_row[[row]].toarray()[0, optimum.structure.columns(POSE(k))][3:]
         of_pose_side[row] = along @ c_T_b[:3, :2] / scale
     return columns

@@ -1,0 +1,54 @@
+"""What is in memory while a refined map is solved for the errors of what it holds."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from backend.bundle.accuracy.information_shares import information_shares
+from backend.bundle.accuracy.refined_points import metric_point_stds
+from backend.bundle.accuracy.systematic_errors import error_test
+from backend.bundle.position_steps import position_step
+from backend.bundle.reduced_system import LinearSystem
+from backend.bundle.refinement import Bundle, refine
+from backend.sparse_cholesky import Cholesky
+from tests.backend.bundle.made_scenes import SURVEY
+from tests.backend.made_floor import make
+
+EXACT = replace(SURVEY, position_std_m=(0.02, 0.03), pixel_std=0.5, attitude_std_rad=0.03)
+"""Positions that hold the cameras, so that a step in them is tried."""
+
+
+@pytest.fixture(scope="module")
+def bundle() -> Bundle:
+    made = make(EXACT, 0)
+    return refine(made.measurements, made.start, made.floor_z_m)
+
+
+@pytest.mark.parametrize(
+    "solves",
+    [
+        lambda bundle: metric_point_stds(bundle.optimum),
+        lambda bundle: information_shares(bundle.optimum),
+        lambda bundle: position_step(bundle.optimum),
+        error_test,
+    ],
+    ids=["points", "shares", "steps", "errors"],
+)
+def test_the_linear_system_is_not_kept_beside_its_factor(
+    bundle: Bundle, solves: Callable[[Bundle], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solve, alive = Cholesky.solve, []
+
+    def counted(self: Cholesky, right: object) -> object:
+        alive.append(sum(isinstance(each, LinearSystem) for each in gc.get_objects()))
+        return solve(self, right)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Cholesky, "solve", counted)
+    gc.collect()
+    solves(bundle)
+    assert alive
+    assert alive[0] == 0
