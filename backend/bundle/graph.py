@@ -238,10 +238,10 @@ def _add_sensors(pose_side: PoseSideFactors, problem: BundleProblem, noise: Nois
             model = robust(gtsam.noiseModel.Isotropic.Sigma(2, std))
             pose_side.add("attitude", level_factor(POSE(a.k), WORLD, c_up, model))
     if measurements.ranges:
-        ratio = over_typical([r.std_m for r in measurements.ranges])
+        ratio = over_typical([r.to_level_std_m for r in measurements.ranges])
         for r, std in zip(measurements.ranges, noise.range_m * ratio, strict=True):
             model = robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
-            factor = scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b @ r.b_T_s)
+            factor = scaled_range_factor(POSE(r.k), WORLD, r.to_level_m, model, c_T_b @ r.b_T_s)
             pose_side.add("range", factor)
     if measurements.positions:
         over = positions_over_typical(measurements.positions)

@@ -7,15 +7,14 @@ from dataclasses import dataclass, fields, replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend import se3
 from backend.bundle.barometer import HEIGHTS, height_residuals
 from backend.bundle.control import mark_residuals, survey_residuals
-from backend.bundle.factors import ANTENNA, DATUM, LOG_GAIN, LOG_SCALE, OFFSET, body_up
+from backend.bundle.factors import ANTENNA, OFFSET, body_up
 from backend.bundle.free_points import FreePoints
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
+from backend.bundle.ground_below import level_ranges_m
 from backend.bundle.noise_level import (
     least_std,
     over_typical,
@@ -177,7 +176,6 @@ def _sensor_noise(
 ) -> NoiseLevels:
     """Return the noise levels with those of the instruments from their residuals."""
     measurements, w_T_b = problem.measurements, metric_poses(problem, values)
-    f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(measurements.count)])
     world = values.atVector(WORLD)
     if len(measurements.attitudes) > 2:
         tilt = np.array(
@@ -197,12 +195,7 @@ def _sensor_noise(
             marks=_mark_scale(marks, len(points)),
         )
     if len(measurements.ranges) > 3:
-        metric = f_T_c.copy()
-        metric[:, :3, 3] *= np.exp(world[LOG_SCALE])
-        c_T_b = se3.inverse(problem.b_T_c(values))
-        f_T_s = np.array([metric[r.k] @ c_T_b @ r.b_T_s for r in measurements.ranges])
-        seen = np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM]
-        off = seen - np.array([r.range_m for r in measurements.ranges])
+        off = level_ranges_m(problem, values) - np.array([r.to_level_m for r in measurements.ranges])
         level = replace(level, range_m=range_noise(measurements.ranges, off))
     if len(measurements.heights) > 3:
         off = height_residuals(measurements.heights, w_T_b, values.atVector(HEIGHTS))
@@ -212,7 +205,7 @@ def _sensor_noise(
 
 def range_noise(ranges: Sequence[SlantRange], off: Array) -> float:
     """Return the noise of a typical range from the residuals ``off`` (n,) of some."""
-    return _pooled([r.std_m for r in ranges], off[:, None])
+    return _pooled([r.to_level_std_m for r in ranges], off[:, None])
 
 
 def _pooled(stated: Sequence[float], off: Array) -> float:

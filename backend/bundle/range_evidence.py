@@ -15,14 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
-from scipy.spatial import cKDTree
 
-from backend import se3
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE
 from backend.bundle.graph import WORLD, ScalePrior
+from backend.bundle.ground_below import ground_below_m
 from backend.bundle.lens_evidence import design_effect, log_marginal_likelihood
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.noise import TOLERANCE, range_noise
@@ -74,11 +72,6 @@ _EXACT = 1e-5
 """Standard deviation of what is stated as exact."""
 _MOST_PASSES = 5
 """Largest number of linear steps in which the noise of the ranges is found."""
-_NEAREST, _NEAR = 8, 0.25
-"""Floor points whose mean is the height of the ground below a beam, and how far away they are at most, over
-the mean height: half of a beam is 0.2 to 0.35 rad wide."""
-_LEAST_VIEWS = 2
-"""Fewer pictures give a point no height."""
 
 
 def range_evidence(
@@ -145,11 +138,14 @@ class _Freed:
             weight[row] = 1.0 / (lengths.log_std * linear.pose_side.tocsr()[row, columns[LOG_SCALE]])
             right[row] = np.log(lengths.ratio) / lengths.log_std / weight[row]
         rows, noise_m = pose_side.rows_of("range"), optimum.noise.range_m
-        stated_m = float(np.median([r.std_m for r in measured.ranges]))
+        stated_m = float(np.median([r.to_level_std_m for r in measured.ranges]))
         weight[rows] = noise_m / stated_m
         linear = _weighted(replace(linear, pose_side_right=right), weight)
         ground = np.zeros(len(weight))
-        ground[rows] = -_ground_below_m(optimum) * linear.pose_side[:, [columns[DATUM]]].toarray()[rows, 0]
+        ground[rows] = (
+            -ground_below_m(optimum.problem, optimum.at)[0]
+            * linear.pose_side[:, [columns[DATUM]]].toarray()[rows, 0]
+        )
         return _Freed(
             linear, rows, columns[_SHARED], off, std, floor_std_m, measured.ranges, stated_m, ground
         )
@@ -157,7 +153,9 @@ class _Freed:
     def with_noise_of(self, left_of_pose_side: Array) -> _Freed:
         """Return the system with the noise of the ranges by the residuals ``left_of_pose_side`` (rows,)."""
         left = left_of_pose_side[self.rows]
-        noise_m = range_noise(self.ranges, left * self.noise_m * over_typical([r.std_m for r in self.ranges]))
+        noise_m = range_noise(
+            self.ranges, left * self.noise_m * over_typical([r.to_level_std_m for r in self.ranges])
+        )
         weight = np.ones(len(self.rows))
         weight[self.rows] = self.noise_m / noise_m
         linear = _weighted(self.linear, weight)
@@ -223,28 +221,6 @@ class _Solution:
         influence = jacobian @ np.concatenate(change) + share * ground
         left = right - jacobian @ np.concatenate([self.by_pose, self.by_point]) - self.share * ground
         return np.asarray(influence), np.asarray(left)
-
-
-def _ground_below_m(optimum: BundleOptimum) -> Array:
-    """Return by how much (r,) the height of the ground below shortens each range, along its beam.
-
-    The height is the mean of the nearest floor points, and 0 where none is near.
-    """
-    problem, values, point = optimum.problem, optimum.values, optimum.at.point
-    scale = float(np.exp(values.atVector(WORLD)[LOG_SCALE]))
-    seen = np.bincount(optimum.cost.observations.track, minlength=len(point)) >= _LEAST_VIEWS
-    if not seen.any():
-        return np.zeros(len(problem.measurements.ranges))
-    c_T_b = se3.inverse(problem.b_T_c(values))
-    f_T_c = np.array([values.atPose3(POSE(r.k)).matrix() for r in problem.measurements.ranges])
-    f_T_c[:, :3, 3] *= scale
-    f_T_s = f_T_c @ c_T_b @ np.array([r.b_T_s for r in problem.measurements.ranges])
-    cosine = f_T_s[:, 2, 2]
-    foot_m = f_T_s[:, :2, 3] - f_T_s[:, :2, 2] * (f_T_s[:, 2, 3] / cosine)[:, None]
-    place_m = scale * point[seen]
-    far, nearest = cKDTree(place_m[:, :2]).query(foot_m, _NEAREST, distance_upper_bound=_NEAR * scale)
-    height_m = np.append(place_m[:, 2], 0.0)[nearest]
-    return np.asarray(height_m.sum(axis=1) / np.maximum(np.isfinite(far).sum(axis=1), 1) / cosine)
 
 
 def _weighted(linear: LinearSystem, weight: Array) -> LinearSystem:

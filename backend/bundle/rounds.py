@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from backend.bundle.checkpoints import minimum_of
 from backend.bundle.factors import LOG_SCALE, SLOPE
 from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables, start_calibration
+from backend.bundle.ground_below import over_ground
 from backend.bundle.inertial.graph import without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise
 from backend.bundle.lens import is_uncertain
@@ -97,7 +98,9 @@ def solve_rounds(
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
         problem, at = _reintegrated(problem, at, kept, before.reported)
         problem, at, same_rows = corrected_rows(problem, at, noise, used)
-        settled = settled and same_rows
+        is_flat = not found.raised.any() and noise.height_prior <= _FAR * first.height_prior
+        problem, before_it = over_ground(problem, at, is_flat), problem
+        settled = settled and same_rows and _same_ranges(problem, before_it, noise)
         if settled and not of_waves and noise.height_prior > _FAR * first.height_prior:
             # Not before: at first, an attitude that is degrees off bends the map of flat ground too.
             of_waves, settled = True, False
@@ -111,6 +114,15 @@ def solve_rounds(
             # No structure: without a plane, an error of the lens may bend the map to any shape.
             (problem, at, noise, used), settled = narrow, False
     return Solved(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
+
+
+def _same_ranges(one: BundleProblem, other: BundleProblem, noise: NoiseLevels) -> bool:
+    """Return whether the ranges of two problems differ by less than their noise is settled to."""
+    change_m = [
+        a.ground_m - b.ground_m
+        for a, b in zip(one.measurements.ranges, other.measurements.ranges, strict=True)
+    ]
+    return bool(np.max(np.abs(change_m), initial=0.0) <= TOLERANCE * noise.range_m)
 
 
 def _anew(first: NoiseLevels, noise: NoiseLevels) -> NoiseLevels:

@@ -46,6 +46,20 @@ class SlantRange:
     std_m: float
     b_T_s: Array = field(default_factory=lambda: np.eye(4))
     """(4, 4) pose of the rangefinder on the body."""
+    ground_m: float = 0.0
+    """By how much ground above the floor's level shortens it, as far as the pictures show."""
+    ground_std_m: float = 0.0
+    """Standard deviation of ``ground_m``: at an edge, the beam may hear either side."""
+
+    @property
+    def to_level_m(self) -> float:
+        """Distance along the beam to the level of the floor."""
+        return self.range_m + self.ground_m
+
+    @property
+    def to_level_std_m(self) -> float:
+        """Standard deviation of ``to_level_m``."""
+        return float(np.hypot(self.std_m, self.ground_std_m))
 
 
 @dataclass(frozen=True)
