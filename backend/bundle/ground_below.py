@@ -3,6 +3,9 @@
 A range is the distance to the ground below, and its factor that to the level of the floor. Over steps and
 hills the difference would be taken for noise of the ranges, and bend scale and heights. The floor points of
 one round therefore continue the ranges of the next one to the level, if they fit it better so.
+
+Only raised points count, the tops of structure. An error of the lens bends the map to a bowl, and ranges that
+followed the heights of its points would no longer contradict it.
 """
 
 from __future__ import annotations
@@ -36,11 +39,11 @@ def level_ranges_m(problem: BundleProblem, values: gtsam.Values) -> Array:
     return np.asarray(np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM])
 
 
-def ground_below_m(problem: BundleProblem, at: Variables) -> tuple[Array, Array]:
+def ground_below_m(problem: BundleProblem, at: Variables, height: Array) -> tuple[Array, Array]:
     """Return by how much (r,) the height of the ground below shortens each range, along its beam.
 
-    The height is the mean of the nearest floor points, and 0 where none is near. The second result is the
-    standard deviation (r,) among them.
+    It is the mean of the nearest floor points, and 0 where none is near; they have a ``height`` (t,) each, in
+    units of the map. The second result is the standard deviation (r,) among them.
     """
     scale = float(np.exp(at.values.atVector(WORLD)[LOG_SCALE]))
     seen = np.bincount(problem.tracks.track, minlength=len(at.point)) >= _LEAST_VIEWS
@@ -50,18 +53,19 @@ def ground_below_m(problem: BundleProblem, at: Variables) -> tuple[Array, Array]
     f_T_s = _beams(problem, at.values)
     cosine = f_T_s[:, 2, 2]
     foot_m = f_T_s[:, :2, 3] - f_T_s[:, :2, 2] * (f_T_s[:, 2, 3] / cosine)[:, None]
-    place_m = scale * at.point[seen]
-    far, nearest = cKDTree(place_m[:, :2]).query(foot_m, _NEAREST, distance_upper_bound=_NEAR * scale)
+    far, nearest = cKDTree(scale * at.point[seen, :2]).query(
+        foot_m, _NEAREST, distance_upper_bound=_NEAR * scale
+    )
     near = np.isfinite(far)
     found = np.maximum(near.sum(axis=1), 1)
-    height_m = np.append(place_m[:, 2], 0.0)[nearest]
+    height_m = np.append(scale * height[seen], 0.0)[nearest]
     mean_m = height_m.sum(axis=1) / found
     off_m = np.where(near, height_m - mean_m[:, None], 0.0)
     return mean_m / cosine, np.sqrt((off_m**2).sum(axis=1) / found) / cosine
 
 
-def over_ground(problem: BundleProblem, at: Variables, is_flat: bool) -> BundleProblem:
-    """Return the problem with ranges over the ground that the points of ``at`` show, if they fit it better.
+def over_ground(problem: BundleProblem, at: Variables) -> BundleProblem:
+    """Return the problem with ranges over its raised points, at the heights of ``at``, if they fit it better.
 
     A gain and a zero are free for both, since the scale is not yet that of the better one.
     """
@@ -69,8 +73,9 @@ def over_ground(problem: BundleProblem, at: Variables, is_flat: bool) -> BundleP
     if len(ranges) < _LEAST_RANGES:
         return problem
     ground_m = std_m = np.zeros(len(ranges))
-    if not is_flat:
-        below_m, level_m = ground_below_m(problem, at), level_ranges_m(problem, at.values)
+    if problem.raised is not None and problem.raised.any():
+        below_m = ground_below_m(problem, at, np.where(problem.raised, at.point[:, 2], 0.0))
+        level_m = level_ranges_m(problem, at.values)
         heard_m = np.array([r.range_m for r in ranges])
         if _spread_m(level_m, heard_m + below_m[0]) < _spread_m(level_m, heard_m):
             ground_m, std_m = below_m
@@ -79,6 +84,16 @@ def over_ground(problem: BundleProblem, at: Variables, is_flat: bool) -> BundleP
         for r, by, std in zip(ranges, ground_m.tolist(), std_m.tolist(), strict=True)
     )
     return replace(problem, measurements=replace(problem.measurements, ranges=over))
+
+
+def fit_ground_below(problem: BundleProblem, values: gtsam.Values, within_m: float, share: float) -> bool:
+    """Return whether ranges are those of ground off the floor's level, and more than a ``share`` of them fit
+    it to ``within_m``."""
+    ranges = problem.measurements.ranges
+    if not any(r.ground_m for r in ranges):
+        return False
+    off_m = level_ranges_m(problem, values) - np.array([r.to_level_m for r in ranges])
+    return bool(np.mean(np.abs(off_m) <= within_m) > share)
 
 
 def _beams(problem: BundleProblem, values: gtsam.Values) -> Array:

@@ -143,7 +143,7 @@ class _Freed:
         linear = _weighted(replace(linear, pose_side_right=right), weight)
         ground = np.zeros(len(weight))
         ground[rows] = (
-            -ground_below_m(optimum.problem, optimum.at)[0]
+            -ground_below_m(optimum.problem, optimum.at, optimum.at.point[:, 2])[0]
             * linear.pose_side[:, [columns[DATUM]]].toarray()[rows, 0]
         )
         return _Freed(

@@ -98,9 +98,8 @@ def solve_rounds(
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
         problem, at = _reintegrated(problem, at, kept, before.reported)
         problem, at, same_rows = corrected_rows(problem, at, noise, used)
-        is_flat = not found.raised.any() and noise.height_prior <= _FAR * first.height_prior
-        problem, before_it = over_ground(problem, at, is_flat), problem
-        settled = settled and same_rows and _same_ranges(problem, before_it, noise)
+        heard, problem = problem, over_ground(problem, at)
+        settled = settled and same_rows and _same_ranges(problem, heard, noise)
         if settled and not of_waves and noise.height_prior > _FAR * first.height_prior:
             # Not before: at first, an attitude that is degrees off bends the map of flat ground too.
             of_waves, settled = True, False

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
+from backend.bundle.ground_below import fit_ground_below
 from backend.wording import counted, either
 from slam.core.clock_steps import clock_step_left
 from slam.core.flight import Flight
@@ -35,7 +36,7 @@ from slam.mapping.context import Context
 from slam.mapping.floor_doubts import floor_doubts
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
-from slam.mapping.obstacles import echoes_in_map, range_contradiction
+from slam.mapping.obstacles import MOST_STANDING, echoes_in_map, range_contradiction
 from slam.mapping.warnings.accuracy_basis import Shares, scale_warning, vague_lengths_warning
 from slam.mapping.warnings.contradicted_steps import contradicted_step_warnings
 from slam.mapping.warnings.control_points import control_warnings
@@ -260,9 +261,13 @@ def _range_contradiction(context: Context, map_: Map) -> Message | None:
     """Report ranges that contradict the map whose scale rests on them."""
     if map_.bundle is None or map_.bundle.range_errors is None:
         return None
+    config = context.job.config.masking
+    optimum = map_.bundle.optimum
+    if fit_ground_below(optimum.problem, optimum.values, config.gamma_3_m, 1.0 - MOST_STANDING):
+        return None
     stamps_s, poses = map_.observations.stamps_s, map_.of_main(map_.over_floor_T_b)
     echoes = echoes_in_map(context.flight.sonar, stamps_s, poses, map_.floor_z_m)
-    return None if echoes is None else range_contradiction(echoes, context.job.config.masking)
+    return None if echoes is None else range_contradiction(echoes, config)
 
 
 def _stuck_ranges(flight: Flight, map_: Map) -> Message | None:
