@@ -47,7 +47,7 @@ class SlantRange:
     b_T_s: Array = field(default_factory=lambda: np.eye(4))
     """(4, 4) pose of the rangefinder on the body."""
     ground_m: float = 0.0
-    """By how much ground above the floor's level shortens it, as far as the pictures show."""
+    """Distance by which ground above the floor's level shortens it, as far as the pictures show."""
     ground_std_m: float = 0.0
     """Standard deviation of ``ground_m``: at an edge, the beam may hear either side."""
 
