@@ -257,10 +257,15 @@ def cleared_echoes(recorded: Sonar | None, used: Sonar | None) -> dict[str, int]
     return {OBSTACLE_ECHO: cleared} if cleared else {}
 
 
-def range_contradiction(echoes: Echoes, config: MaskingConfig) -> Message | None:
-    """Return a line where the ranges contradict the map's heights or each other; None where they do not."""
+def range_contradiction(
+    echoes: Echoes, config: MaskingConfig, fits_ground_below: bool = False
+) -> Message | None:
+    """Return a line where the ranges contradict the map's heights or each other; None where they do not.
+
+    ``fits_ground_below``: most ranges are those of structure that the pictures show.
+    """
     standing, measured = echoes.standing(config), int(echoes.measured.sum())
-    if standing.sum() > MOST_STANDING * measured:
+    if standing.sum() > MOST_STANDING * measured and not fits_ground_below:
         return about(
             "sonar0",
             f"{standing.sum()} of {measured} ranges {either(standing.sum(), 'does', 'do')} not fit "

@@ -261,13 +261,11 @@ def _range_contradiction(context: Context, map_: Map) -> Message | None:
     """Report ranges that contradict the map whose scale rests on them."""
     if map_.bundle is None or map_.bundle.range_errors is None:
         return None
-    config = context.job.config.masking
-    optimum = map_.bundle.optimum
-    if fit_ground_below(optimum.problem, optimum.values, config.gamma_3_m, 1.0 - MOST_STANDING):
-        return None
+    config, optimum = context.job.config.masking, map_.bundle.optimum
+    fits = fit_ground_below(optimum.problem, optimum.values, config.gamma_3_m, 1.0 - MOST_STANDING)
     stamps_s, poses = map_.observations.stamps_s, map_.of_main(map_.over_floor_T_b)
     echoes = echoes_in_map(context.flight.sonar, stamps_s, poses, map_.floor_z_m)
-    return None if echoes is None else range_contradiction(echoes, config)
+    return None if echoes is None else range_contradiction(echoes, config, fits)
 
 
 def _stuck_ranges(flight: Flight, map_: Map) -> Message | None:
