@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements.floor_speed import flow_by_turn
 from frontend.camera import Camera
 from frontend.homography import transfer
 
@@ -132,7 +131,9 @@ def _speed(camera: Camera, neighbour: NeighbourView, turned: RotationSinceMiddle
 
 def _turning(x: Array, turn: Array) -> Array:
     """Return the displacements (n, 2) of points (n, 2) under small rotation vectors (n, 3) of the camera."""
-    return np.asarray(np.einsum("nab,nb->na", flow_by_turn(x), turn))
+    ray = np.column_stack([x, np.ones(len(x))])
+    moved = -np.cross(turn, ray)
+    return np.asarray(moved[:, :2] - x * moved[:, 2:])
 
 
 def _of_plane(x: Array, plane: Array) -> Array:

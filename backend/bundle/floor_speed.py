@@ -15,13 +15,6 @@ _LEAST_SINGULAR = 1e-3
 then either explains what the picture shows."""
 
 
-def flow_by_turn(xy: Array) -> Array:
-    """Return the speeds (k, 2, 3) in the directions ``xy`` (k, 2) at depth 1, for each rad/s of a turn about
-    the axes of the camera."""
-    u, v = xy.T
-    return np.array([[u * v, -(1 + u * u), v], [1 + v * v, -u * v, -u]]).transpose(2, 0, 1)
-
-
 def camera_motion(f_T_c: Array, xy: Array, speed: Array) -> tuple[Array, Array]:
     """Return velocities (n, 3) and angular velocities (n, 3), in rad/s, of cameras over the plane z = 0.
 
@@ -35,9 +28,16 @@ def camera_motion(f_T_c: Array, xy: Array, speed: Array) -> tuple[Array, Array]:
     u, v = xy.T
     to_plane = np.array([[np.ones_like(u), 0 * u, -u], [0 * u, np.ones_like(u), -v]]).transpose(2, 0, 1)
     by_velocity = -inverse_depth[:, :, None, None] * to_plane  # (n, k, 2, 3)
-    both = np.concatenate([by_velocity, np.broadcast_to(flow_by_turn(xy), by_velocity.shape)], axis=3)
+    both = np.concatenate([by_velocity, np.broadcast_to(_flow_by_turn(xy), by_velocity.shape)], axis=3)
     inverse = np.linalg.pinv(both.reshape(len(f_T_c), -1, 6), rcond=_LEAST_SINGULAR)
     found = np.einsum("nab,nb->na", inverse, np.nan_to_num(speed).reshape(len(f_T_c), -1))
     found = np.where(is_known[:, None], found, np.nan)
     f_v, f_turn = (np.einsum("nab,nb->na", R, part) for part in (found[:, :3], found[:, 3:]))
     return f_v, f_turn
+
+
+def _flow_by_turn(xy: Array) -> Array:
+    """Return the speeds (k, 2, 3) in the directions ``xy`` (k, 2) at depth 1, for each rad/s of a turn about
+    the axes of the camera."""
+    u, v = xy.T
+    return np.array([[u * v, -(1 + u * u), v], [1 + v * v, -u * v, -u]]).transpose(2, 0, 1)

@@ -29,8 +29,8 @@ _NEAREST, _NEAR = 8, 0.25
 the mean height: half of a beam is 0.2 to 0.35 rad wide."""
 _LEAST_VIEWS = 2
 """Fewer pictures give a point no height."""
-_LEAST_RANGES = 4
-"""Fewer ranges do not tell what they fit better: a gain and a zero fit two."""
+LEAST_RANGES = 4
+"""Fewer ranges tell neither their noise nor the ground below: a gain and a zero fit two."""
 
 
 def level_ranges_m(problem: BundleProblem, values: gtsam.Values) -> Array:
@@ -64,14 +64,15 @@ def ground_below_m(problem: BundleProblem, at: Variables, height: Array) -> tupl
     return mean_m / cosine, np.sqrt((off_m**2).sum(axis=1) / found) / cosine
 
 
-def over_ground(problem: BundleProblem, at: Variables) -> BundleProblem:
+def over_ground(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, float]:
     """Return the problem with ranges over its raised points, at the heights of ``at``, if they fit it better.
 
-    A gain and a zero are free for both, since the scale is not yet that of the better one.
+    A gain and a zero are free for both, since the scale is not yet that of the better one. The second result
+    is the largest change of a range in metres.
     """
     ranges = problem.measurements.ranges
-    if len(ranges) < _LEAST_RANGES:
-        return problem
+    if len(ranges) < LEAST_RANGES:
+        return problem, 0.0
     ground_m = std_m = np.zeros(len(ranges))
     if problem.raised is not None and problem.raised.any():
         below_m = ground_below_m(problem, at, np.where(problem.raised, at.point[:, 2], 0.0))
@@ -83,7 +84,8 @@ def over_ground(problem: BundleProblem, at: Variables) -> BundleProblem:
         replace(r, ground_m=by, ground_std_m=std)
         for r, by, std in zip(ranges, ground_m.tolist(), std_m.tolist(), strict=True)
     )
-    return replace(problem, measurements=replace(problem.measurements, ranges=over))
+    changed_m = float(np.max(np.abs(ground_m - [r.ground_m for r in ranges])))
+    return replace(problem, measurements=replace(problem.measurements, ranges=over)), changed_m
 
 
 def fit_ground_below(problem: BundleProblem, values: gtsam.Values, within_m: float, share: float) -> bool:

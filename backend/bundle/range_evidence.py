@@ -66,8 +66,6 @@ class RangeEvidence:
         return np.maximum([prior.gain_std, np.hypot(prior.zero_std_m, self.floor_std_m)], _EXACT)
 
 
-LEAST_RANGES = 4
-"""Fewer ranges do not tell their noise."""
 _EXACT = 1e-5
 """Standard deviation of what is stated as exact."""
 _MOST_PASSES = 5

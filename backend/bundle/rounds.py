@@ -98,8 +98,8 @@ def solve_rounds(
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
         problem, at = _reintegrated(problem, at, kept, before.reported)
         problem, at, same_rows = corrected_rows(problem, at, noise, used)
-        heard, problem = problem, over_ground(problem, at)
-        settled = settled and same_rows and _same_ranges(problem, heard, noise)
+        problem, changed_m = over_ground(problem, at)
+        settled = settled and same_rows and changed_m <= TOLERANCE * noise.range_m
         if settled and not of_waves and noise.height_prior > _FAR * first.height_prior:
             # Not before: at first, an attitude that is degrees off bends the map of flat ground too.
             of_waves, settled = True, False
@@ -113,15 +113,6 @@ def solve_rounds(
             # No structure: without a plane, an error of the lens may bend the map to any shape.
             (problem, at, noise, used), settled = narrow, False
     return Solved(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
-
-
-def _same_ranges(one: BundleProblem, other: BundleProblem, noise: NoiseLevels) -> bool:
-    """Return whether the ranges of two problems differ by less than their noise is settled to."""
-    change_m = [
-        a.ground_m - b.ground_m
-        for a, b in zip(one.measurements.ranges, other.measurements.ranges, strict=True)
-    ]
-    return bool(np.max(np.abs(change_m), initial=0.0) <= TOLERANCE * noise.range_m)
 
 
 def _anew(first: NoiseLevels, noise: NoiseLevels) -> NoiseLevels:

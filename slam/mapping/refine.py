@@ -28,7 +28,6 @@ from slam.mapping.control_points import ControlComparison
 from slam.mapping.floor_points import refined_floor_points
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
-from slam.mapping.gps.steps import step_warning
 from slam.mapping.gps.verdicts import FixVerdicts
 from slam.mapping.map import Map, largest_first
 from slam.mapping.map_part import MapPart
@@ -204,12 +203,10 @@ class _Evidence:
         if agreement is None or fixes is None:
             return placed
         fixes = placed.refined_fixes(fixes)
-        messages = fixes.messages(agreement)
-        step = position_step(placed.bundle.optimum) if placed.bundle else None
-        aside = [step_warning(step, fixes.fixes, fixes.stamps_s)] if step else []
+        messages = fixes.messages(agreement, position_step(placed.bundle.optimum) if placed.bundle else None)
         return replace(
             placed,
-            warnings=(*placed.warnings, *messages.warnings, *aside),
+            warnings=(*placed.warnings, *messages.warnings),
             remarks=(*placed.remarks, *messages.remarks),
             fixes_left_out=messages.left_out,
             stated_accuracy=tuple(fixes.contradictions(agreement, placed.w_T_b)),

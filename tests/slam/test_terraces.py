@@ -13,7 +13,7 @@ from slam.simulation.recipe import load_recipe
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_ranges_are_those_of_the_terrace_below(seed: int) -> None:
-    """Taken for noise, they put keyframes 0.22 m off, and none of the lengths was usable."""
+    """Taken for noise, such ranges had put keyframes 0.22 m off."""
     flight = simulate(load_recipe("terraces"), seed=seed)
     estimate = optimize(flight)
     found = evaluate(estimate, flight)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.position_steps import PositionStep
 from slam.core.messages import Kind
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.gps.altitude_course import AltitudesOnMap
@@ -22,6 +23,7 @@ from slam.mapping.gps.stated_accuracy import (
     mirror_contradiction,
     stated_accuracy_contradiction,
 )
+from slam.mapping.gps.steps import step_warning
 
 Array = NDArray[np.float64]
 
@@ -105,9 +107,12 @@ class FixComparison:
         """Return (n,) the fixes that are nearest in time to the keyframes ``which`` (m,)."""
         return which[nearest(self.stamps_s, self.fixes.stamps_s)]
 
-    def messages(self, agreement: Agreement) -> FixMessages:
-        """Return remarks and warnings about the fixes."""
+    def messages(self, agreement: Agreement, step: PositionStep | None = None) -> FixMessages:
+        """Return remarks and warnings about the fixes, and about a ``step`` that the refinement shows."""
         found, names = fix_messages(self.fixes, agreement), self.fixes.names
+        if step is not None:
+            aside = step_warning(step, self.fixes, self.stamps_s)
+            found = replace(found, warnings=(*found.warnings, aside))
         if self.moved_m is None or not (line := stale_line(names, self.moved_m)):
             return found
         left_out = (*found.left_out, *(names[k] for k in np.flatnonzero(self.stale).tolist()))

@@ -35,6 +35,8 @@ AT_ONE_HEIGHT = replace(
 )
 """Positions of an RTK receiver at one height, and a focal length that is known to 2 %: nothing tells it, and
 with it the height of the floor."""
+HELD_BY_POSITIONS = replace(SURVEY, position_std_m=(0.02, 0.03), pixel_std=0.5, attitude_std_rad=0.03)
+"""Positions of an RTK receiver hold the cameras: at 50 m a lean of 0.03 rad looks like 1.5 m."""
 WRONG_LENS = replace(
     SURVEY,
     keyframes=32,

@@ -31,7 +31,7 @@ def refined(made: Made) -> Bundle:
 
 
 @pytest.mark.parametrize("hears_box", [True, False])
-def test_ranges_over_a_box_keep_the_scale(hears_box: bool) -> None:
+def test_ranges_of_the_top_of_a_box_are_no_noise(hears_box: bool) -> None:
     bundle = refined(made_over_box(0, hears_box))
     problem = bundle.optimum.problem
     assert bundle.noise.range_m < 2 * BOX.range_std_m

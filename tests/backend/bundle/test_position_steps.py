@@ -9,11 +9,8 @@ import pytest
 
 from backend.bundle.position_steps import PositionStep, position_step
 from backend.bundle.refinement import refine
-from tests.backend.bundle.made_scenes import SURVEY
+from tests.backend.bundle.made_scenes import HELD_BY_POSITIONS, SURVEY
 from tests.backend.made_floor import Scene, make
-
-EXACT = replace(SURVEY, position_std_m=(0.02, 0.03), pixel_std=0.5, attitude_std_rad=0.03)
-"""At 50 m a lean of 0.03 rad looks like 1.5 m: fixes of an RTK receiver hold the cameras."""
 
 
 def found_step(
@@ -31,7 +28,7 @@ def found_step(
 
 @pytest.mark.parametrize("step_m", [(1.0, 0.0, 0.0), (0.0, 0.0, 4.0)])
 def test_positions_that_a_map_follows_show_a_step_by_its_score(step_m: tuple[float, float, float]) -> None:
-    found = found_step(EXACT, step_m, 1)
+    found = found_step(HELD_BY_POSITIONS, step_m, 1)
     assert found is not None
     assert abs(found.keyframe - 8) <= 1
     assert (np.abs(found.shift_m - step_m) < 3 * found.std_m).all()
@@ -39,7 +36,7 @@ def test_positions_that_a_map_follows_show_a_step_by_its_score(step_m: tuple[flo
 
 @pytest.mark.parametrize("seed", range(3))
 def test_positions_without_a_step_show_none(seed: int) -> None:
-    assert found_step(EXACT, (0.0, 0.0, 0.0), seed) is None
+    assert found_step(HELD_BY_POSITIONS, (0.0, 0.0, 0.0), seed) is None
 
 
 def test_the_residuals_of_coarse_positions_show_it_and_no_score_is_needed() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 
@@ -15,16 +14,13 @@ from backend.bundle.position_steps import position_step
 from backend.bundle.reduced_system import LinearSystem
 from backend.bundle.refinement import Bundle, refine
 from backend.sparse_cholesky import Cholesky
-from tests.backend.bundle.made_scenes import SURVEY
+from tests.backend.bundle.made_scenes import HELD_BY_POSITIONS
 from tests.backend.made_floor import make
-
-EXACT = replace(SURVEY, position_std_m=(0.02, 0.03), pixel_std=0.5, attitude_std_rad=0.03)
-"""Positions that hold the cameras, so that a step in them is tried."""
 
 
 @pytest.fixture(scope="module")
 def bundle() -> Bundle:
-    made = make(EXACT, 0)
+    made = make(HELD_BY_POSITIONS, 0)
     return refine(made.measurements, made.start, made.floor_z_m)
 
 
