@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.graph import BundleProblem, Variables
 from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, prior_calibration, prior_covariance
-from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
+from backend.bundle.minimise import COARSE, BundleCost, BundleOptimum, minimise_bundle
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import undistorted
 from backend.errors import BackendError
@@ -29,10 +29,6 @@ from backend.significance import VERY_STRONG_NATS
 from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
-
-_ITERATIONS = 30
-_TOLERANCE = 1e-3
-"""Relative change of the error at which the second model is fitted: as in the rounds before the last."""
 
 
 def fisheye_by_evidence(
@@ -56,8 +52,8 @@ def fisheye_by_evidence(
     values.insert(CALIBRATION(0), _alike(optimum))
     cost = BundleCost.of(problem, optimum.noise, optimum.used, start)
     try:
-        found = minimise_bundle(cost, Variables(values, optimum.at.point), _ITERATIONS, _TOLERANCE)
-        fisheye = BundleOptimum(cost, found.at, found.structure, optimum.noise, optimum.used)
+        found = minimise_bundle(cost, Variables(values, optimum.at.point), *COARSE)
+        fisheye = BundleOptimum(cost, found.at, found.structure)
         gain = _log_evidence(fisheye, found.error) - _log_evidence(optimum, error)
     except (BackendError, SingularMatrixError):
         return None

@@ -13,8 +13,9 @@ from backend.bundle.barometer import HEIGHTS, height_residuals
 from backend.bundle.control import mark_residuals, survey_residuals
 from backend.bundle.factors import ANTENNA, OFFSET, body_up
 from backend.bundle.free_points import FreePoints
-from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
+from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, metric_poses
 from backend.bundle.ground_below import level_ranges_m
+from backend.bundle.minimise import BundleOptimum
 from backend.bundle.noise_level import (
     least_std,
     over_typical,
@@ -23,6 +24,7 @@ from backend.bundle.noise_level import (
     redundancy_factor,
 )
 from backend.bundle.observations import Cameras, FloorObservations, height_stds
+from backend.bundle.position_redundancy import absorbed_positions
 from backend.bundle.relief import LEAST_PICTURES, find_heights
 from backend.bundle.residual_spread import huber_std, robust_autocorrelated_std
 from backend.measurements import FloorTracks, Measurements, SlantRange
@@ -86,21 +88,14 @@ class Estimated:
     """(t, 3) all points; those are at heights of their own."""
 
 
-def estimate_noise(
-    problem: BundleProblem,
-    at: Variables,
-    noise: NoiseLevels,
-    used: NDArray[np.bool_],
-    absorbed: Array,
-    level: bool = True,
-) -> Estimated:
+def estimate_noise(optimum: BundleOptimum, level: bool = True) -> Estimated:
     """Return noise levels from the residuals, the observations to keep, and the points above the ground.
 
-    ``absorbed`` (3,): how many positions east, north and up the fit absorbs
-    (`backend.bundle.position_redundancy`). ``level``: whether the fit has the ground at height zero.
+    ``level``: whether the fit has the ground at height zero.
     """
+    problem, at, noise, used = optimum.problem, optimum.at, optimum.noise, optimum.used
     tracks, config = problem.tracks, problem.config
-    sensors = _sensor_noise(problem, at.values, noise, absorbed)
+    sensors = _sensor_noise(problem, at.values, noise, absorbed_positions(optimum))
     if len(tracks.track) == 0:
         return Estimated(sensors, used, np.zeros(0, bool), at.point)
     # Dropped observations too: a height of its own may explain them.

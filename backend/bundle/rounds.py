@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 
 import gtsam
 import numpy as np
@@ -15,24 +16,48 @@ from backend.bundle.ground_below import over_ground
 from backend.bundle.inertial.graph import without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise
 from backend.bundle.lens import is_uncertain
-from backend.bundle.minimise import BundleMinimum, BundleOptimum, minimise_bundle
+from backend.bundle.minimise import COARSE, FINE, BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import TOLERANCE, estimate_noise, same_noise
-from backend.bundle.position_redundancy import absorbed_positions
 from backend.bundle.rolling_shutter import corrected_rows
 from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, ReportedNoise
 from backend.pose_graph.descent import OnStep
-
-_BEFORE, _LAST = (30, 1e-3), (300, 1e-5)
-"""Most iterations, and the change of the error at which they end, relative to it: of a round before the last,
-and of the last. The error is half of a chi-square variable, and few observations make it flat, because of its
-robust losses: two pictures of trees took up to 117 small steps, while maps of a block converge within 30."""
 
 _ANY_SLOPE_RAD = 0.6
 """Standard deviation of a slope that may be any: twice of it is steeper than any ground that is mapped."""
 
 _FAR = 3.0
 """Standard deviations of the relief beyond which heights have drawn the poses along."""
+
+
+class _Prior(Enum):
+    """Priors that may be too narrow: what they do not explain looks like noise, and like outliers.
+
+    The rounds begin anew with a wider one, once for each.
+    """
+
+    SLOPE = auto()
+    """Slope of the ground: in one round it may be any."""
+    WAVES = auto()
+    """Heights of points on the ground, which rises and falls as far as it was found to."""
+    HEIGHT = auto()
+    """Heights of all points: in one round they may be any."""
+
+
+@dataclass(frozen=True)
+class _Round:
+    """What a round is solved with."""
+
+    problem: BundleProblem
+    at: Variables
+    noise: NoiseLevels
+    used: NDArray[np.bool_]
+    """(m,) observations of the tracks that count."""
+
+    def anew(self, noise: NoiseLevels) -> _Round:
+        """Return the round with all observations and no raised points, at another ``noise``."""
+        problem = replace(self.problem, raised=None)
+        return replace(self, problem=problem, noise=noise, used=np.ones_like(self.used))
 
 
 @dataclass(frozen=True)
@@ -52,71 +77,91 @@ def solve_rounds(
 
     Raises ``BackendError`` if the problem cannot be solved.
     """
-    camera, config = problem.camera, problem.config
-    every = used = np.ones(len(problem.tracks.track), bool)
-    first, iterations = noise, 0
-    settled = False
-    of_any_slope: int | None = None  # the round with a prior that any slope fits,
-    of_any_height: int | None = None  # and that with one that any height of a point fits
-    of_waves = False  # and whether the rounds have begun anew over ground that rises and falls
+    config, first, frees_lens = problem.config, noise, is_uncertain(problem.camera)
+    now = narrow = _Round(problem, at, noise, np.ones(len(problem.tracks.track), bool))
+    iterations, settled = 0, False
+    wide: _Prior | None = None  # the prior of this round that anything fits,
+    widened: set[_Prior] = set()  # and those with which the rounds have begun anew
     for number in range(config.rounds):
-        if number == 1 and is_uncertain(camera) and len(used) and not problem.self_calibrates:
+        if number == 1 and frees_lens and len(now.used) and not problem.self_calibrates:
             # Only now, as the lens is less certain than the poses of a poor initial guess.
-            problem = replace(problem, self_calibrates=True, raised=None)
-            at = start_calibration(at, camera)
-            # What the stated lens does not explain is no outlier yet, and no noise.
-            used, noise = every, _anew(first, noise)
+            now = _with_free_lens(now.anew(_anew(first, now.noise)))
         last = settled or number + 1 == config.rounds
         # From a level start, a hillside takes more steps than others to be found.
-        limits = _LAST if last or number == of_any_slope else _BEFORE
-        made_of = problem, noise, used, start
-        cost, minimum = minimum_of(made_of, at, limits, minimise_bundle, on_step)
-        at, iterations = minimum.at, iterations + minimum.iterations
+        limits = FINE if last or wide is _Prior.SLOPE else COARSE
+        made_of = now.problem, now.noise, now.used, start
+        cost, minimum = minimum_of(made_of, now.at, limits, minimise_bundle, on_step)
+        optimum = BundleOptimum(cost, minimum.at, minimum.structure)
+        iterations += minimum.iterations
         if last:
             break
-        before = noise
-        optimum = BundleOptimum(cost, at, minimum.structure, noise, used)
-        factors, kept = estimate_inertial_noise(optimum)
-        absorbed = absorbed_positions(optimum)
-        level = number != of_any_height
-        found = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed, level)
-        noise, used, at = found.noise, found.used, replace(at, point=found.point)
-        problem = replace(problem, raised=found.raised)
-        slope_rad = _slope_std_rad(problem, at)
-        if slope_rad > (1.0 + TOLERANCE) * config.slope_std_rad and of_any_slope is None:
-            # What the narrow prior does not explain is no outlier yet, and no noise.
-            of_any_slope, slope_rad = number + 1, _ANY_SLOPE_RAD
-            used, noise = every, _anew(first, noise)
-            problem = replace(problem, raised=None)
-        elif of_any_height is None and (number > 0 or not is_uncertain(camera)):
-            high = noise.structure if found.raised.any() else noise.relief
-            of_any_height = number + 1 if high > _FAR * before.relief else None
-        noise = replace(noise, slope_rad=slope_rad)
+        before, was_wide = now.noise, wide
+        now, kept = _estimated(optimum, level=wide is not _Prior.HEIGHT)
+        has_structure = bool(now.problem.raised_of(0).any())
+        high = now.noise.structure if has_structure else now.noise.relief
+        wide = None
+        if _Prior.SLOPE not in widened and now.noise.slope_rad > (1.0 + TOLERANCE) * config.slope_std_rad:
+            wide = _Prior.SLOPE
+            now = now.anew(replace(_anew(first, now.noise), slope_rad=_ANY_SLOPE_RAD))
+        elif _Prior.HEIGHT not in widened and (number > 0 or not frees_lens) and high > _FAR * before.relief:
+            wide = _Prior.HEIGHT
         if number == 0:
             # Once, because levels of a grid would keep the rounds from settling.
-            noise = replace(noise, reported=reported_noise(problem, at.values))
-        settled = number > 0 and same_noise(before, noise) and bool(kept.all())
-        problem, at = _reintegrated(problem, at, kept, before.reported)
-        problem, at, same_rows = corrected_rows(problem, at, noise, used)
-        problem, changed_m = over_ground(problem, at)
-        settled = settled and same_rows and changed_m <= TOLERANCE * noise.range_m
-        if settled and not of_waves and noise.height_prior > _FAR * first.height_prior:
+            now = replace(now, noise=replace(now.noise, reported=reported_noise(now.problem, now.at.values)))
+        settled = number > 0 and same_noise(before, now.noise) and bool(kept.all())
+        now, is_same = _about_found(now, kept, before.reported)
+        settled = settled and is_same
+        if settled and _Prior.WAVES not in widened and now.noise.height_prior > _FAR * first.height_prior:
             # Not before: at first, an attitude that is degrees off bends the map of flat ground too.
-            of_waves, settled = True, False
-            noise = replace(_over_waves(first, noise, at), slope_rad=slope_rad, reported=noise.reported)
-        if of_any_height == number + 1:
-            # The same of the relief. Structure has drawn the poses along until now.
-            narrow, settled = (problem, at, noise, used), False
-            used, noise = every, _over_waves(first, replace(noise, relief=high), at)
-            problem = replace(problem, raised=None)
-        elif of_any_height == number and not found.raised.any():
-            # No structure: without a plane, an error of the lens may bend the map to any shape.
-            (problem, at, noise, used), settled = narrow, False
-    return Solved(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
+            widened.add(_Prior.WAVES)
+            now, settled = replace(now, noise=_over_waves(first, now.noise, now.at)), False
+        if wide is _Prior.HEIGHT:
+            # Structure has drawn the poses along until now.
+            narrow, settled = now, False
+            now = now.anew(_over_waves(first, replace(now.noise, relief=high), now.at))
+        elif was_wide is _Prior.HEIGHT and not has_structure:
+            # Without a plane, an error of the lens may bend the map to any shape.
+            now, settled = narrow, False
+        widened |= {wide} if wide else set()
+    return Solved(optimum, minimum, iterations)
+
+
+def _with_free_lens(now: _Round) -> _Round:
+    """Return the round with the calibration among its variables."""
+    problem = replace(now.problem, self_calibrates=True)
+    return replace(now, problem=problem, at=start_calibration(now.at, problem.camera))
+
+
+def _estimated(optimum: BundleOptimum, level: bool) -> tuple[_Round, NDArray[np.bool_]]:
+    """Return the round after an optimum as its residuals show it, and the inertial intervals (k,) to keep.
+
+    ``level``: whether the fit has the ground at height zero.
+    """
+    factors, kept = estimate_inertial_noise(optimum)
+    found = estimate_noise(optimum, level)
+    at = replace(optimum.at, point=found.point)
+    noise = replace(found.noise, inertial=factors, slope_rad=_slope_std_rad(optimum.problem, at))
+    return _Round(replace(optimum.problem, raised=found.raised), at, noise, found.used), kept
+
+
+def _about_found(now: _Round, kept: NDArray[np.bool_], assumed: ReportedNoise) -> tuple[_Round, bool]:
+    """Return the round with its measurements as the variables found show them, and whether they are the same.
+
+    The motion of the cameras bends their pictures, and the ground below shortens ranges. ``kept`` (k,) are
+    the intervals of inertial readings to keep; the noise ``assumed`` is that of reported motion.
+    """
+    problem, at = _reintegrated(now.problem, now.at, kept, assumed)
+    problem, at, same_rows = corrected_rows(problem, at, now.noise, now.used)
+    problem, changed_m = over_ground(problem, at)
+    is_same = same_rows and changed_m <= TOLERANCE * now.noise.range_m
+    return replace(now, problem=problem, at=at), is_same
 
 
 def _anew(first: NoiseLevels, noise: NoiseLevels) -> NoiseLevels:
-    """Return the noise of the start, with what is estimated of inertial and reported motion and the slope."""
+    """Return the noise of the start, with what is estimated of inertial and reported motion and the slope.
+
+    What the rounds before did not explain is no noise yet.
+    """
     return replace(first, inertial=noise.inertial, reported=noise.reported, slope_rad=noise.slope_rad)
 
 

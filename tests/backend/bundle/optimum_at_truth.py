@@ -23,7 +23,7 @@ def at_the_truth(keyframes: int) -> BundleOptimum:
     at, noise = start_variables(problem, made.w_T_b, 0.0), start_noise(measurements, config)
     used = np.ones(len(measurements.tracks.track), dtype=bool)
     cost = BundleCost.of(problem, noise, used, at.values)
-    return BundleOptimum(cost, at, cost.structure(at), noise, used)
+    return BundleOptimum(cost, at, cost.structure(at))
 
 
 def peak_bytes(work) -> int:
