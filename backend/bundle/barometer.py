@@ -13,7 +13,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.factors import LOG_SCALE
+from backend.bundle.factors import LOG_SCALE, WORLD
 from backend.bundle.world import WorldTransform
 from backend.measurements import BarometerHeight
 
@@ -30,13 +30,13 @@ _UNKNOWN_M = 1e4
 
 
 def height_factor(
-    pose_key: int, world_key: int, height_m: float, model: gtsam.noiseModel.Base, b_T_c: Array
+    pose_key: int, height_m: float, model: gtsam.noiseModel.Base, b_T_c: Array
 ) -> gtsam.CustomFactor:
     """Return the factor of a height: gain z + zero - height, with z of the body in the world."""
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         camera, (gain, zero) = values.atPose3(pose_key), values.atVector(HEIGHTS)
-        transform = WorldTransform(values.atVector(world_key), b_T_c)
+        transform = WorldTransform.of(values, b_T_c)
         body = transform.body_pose(camera)
         if jacobians is not None:
             by_both = gain * body.rotation().matrix()[2:] @ transform.jacobian(camera)[3:]
@@ -44,7 +44,7 @@ def height_factor(
             jacobians[2] = np.array([[body.z(), 1.0]])
         return np.array([gain * body.z() + zero - height_m])
 
-    return gtsam.CustomFactor(model, [pose_key, world_key, HEIGHTS], error)
+    return gtsam.CustomFactor(model, [pose_key, WORLD, HEIGHTS], error)
 
 
 def heights_prior(start: gtsam.Values) -> gtsam.PriorFactorVector:

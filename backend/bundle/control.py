@@ -20,7 +20,15 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.exposure_motion import NO_SHIFT, ExposureMotion, RowShift, row_shifts
-from backend.bundle.factors import FLOOR_Z, LOG_SCALE, SLOPE, WORLD_SIZE, rotation_jacobian, rotation_of
+from backend.bundle.factors import (
+    FLOOR_Z,
+    LOG_SCALE,
+    SLOPE,
+    WORLD,
+    WORLD_SIZE,
+    rotation_jacobian,
+    rotation_of,
+)
 from backend.bundle.floor_points import intersect_floor
 from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.bundle.projections import linearise
@@ -60,7 +68,6 @@ def on_floor(point: ControlPoint, camera: PinholeModel, f_T_c: Array) -> Array:
 def add_control(
     pose_side: PoseSideFactors,
     points: Sequence[ControlPoint],
-    world_key: int,
     lens: Array | None,
     weights: ControlWeights,
     exposure_motion: ExposureMotion | None = None,
@@ -79,7 +86,7 @@ def add_control(
         # An axis with an infinite deviation was not surveyed: it has no weight.
         precisions = gtsam.noiseModel.Diagonal.Precisions((point.std_m * weights.survey) ** -2.0)
         survey = robust(precisions, int(np.isfinite(point.std_m).sum()))
-        pose_side.add("survey", survey_factor(POINT(number), world_key, point.w_p_m, survey))
+        pose_side.add("survey", survey_factor(POINT(number), point.w_p_m, survey))
 
 
 def view_factor(
@@ -120,20 +127,16 @@ def view(f_T_c: Array, point: Array, lens: Array, pixel: Array) -> tuple[Array, 
     return -right[0], J_pose[0], J_point[0], J_lens[0]
 
 
-def survey_factor(
-    point_key: int, world_key: int, w_p_m: Array, model: gtsam.noiseModel.Base
-) -> gtsam.CustomFactor:
+def survey_factor(point_key: int, w_p_m: Array, model: gtsam.noiseModel.Base) -> gtsam.CustomFactor:
     """Return the factor of a surveyed place (3,): s A p + (0, 0, f) minus the survey."""
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        place, of_point, of_world = in_metres(
-            np.asarray(values.atVector(point_key)), values.atVector(world_key)
-        )
+        place, of_point, of_world = in_metres(np.asarray(values.atVector(point_key)), values.atVector(WORLD))
         if jacobians is not None:
             jacobians[0], jacobians[1] = of_point, of_world
         return place - w_p_m
 
-    return gtsam.CustomFactor(model, [point_key, world_key], error)
+    return gtsam.CustomFactor(model, [point_key, WORLD], error)
 
 
 def in_metres(f_p: Array, world: Array) -> tuple[Array, Array, Array]:
@@ -146,9 +149,9 @@ def in_metres(f_p: Array, world: Array) -> tuple[Array, Array, Array]:
     return place + [0.0, 0.0, world[FLOOR_Z]], scale * A, of_world
 
 
-def survey_residuals(points: Sequence[ControlPoint], values: gtsam.Values, world_key: int) -> Array:
+def survey_residuals(points: Sequence[ControlPoint], values: gtsam.Values) -> Array:
     """Return the points minus their surveys over the stated deviations (n, 3)."""
-    world = values.atVector(world_key)
+    world = values.atVector(WORLD)
     places = [in_metres(np.asarray(values.atVector(POINT(k))), world)[0] for k in range(len(points))]
     return np.array([(place - c.w_p_m) / c.std_m for place, c in zip(places, points, strict=True)])
 

@@ -28,6 +28,8 @@ LOG_SCALE, FLOOR_Z, LOG_GAIN, DATUM, SLOPE, MOUNT = 0, 1, 2, 3, slice(4, 6), sli
 OFFSET, ANTENNA = slice(8, 11), slice(11, 14)
 """Index of each number in the world variable."""
 WORLD_SIZE = 14
+WORLD = gtsam.symbol("w", 0)
+"""Key of the world variable: a refinement has one."""
 
 
 def rotation_of(world: Array, which: slice) -> Array:
@@ -51,7 +53,7 @@ def _rotation(x: float, y: float) -> tuple[Array, Array]:
 
 
 def scaled_range_factor(
-    pose_key: int, world_key: int, range_m: float, model: gtsam.noiseModel.Base, c_T_s: Array
+    pose_key: int, range_m: float, model: gtsam.noiseModel.Base, c_T_s: Array
 ) -> gtsam.CustomFactor:
     """Return the factor of a slant range along the sensor's -z axis to the floor: g s z / R33 + d - range.
 
@@ -60,7 +62,7 @@ def scaled_range_factor(
     """
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        pose, world = values.atPose3(pose_key).matrix(), values.atVector(world_key)
+        pose, world = values.atPose3(pose_key).matrix(), values.atVector(WORLD)
         scale, gain = math.exp(world[LOG_SCALE]), math.exp(world[LOG_GAIN])
         u, t = c_T_s[:3, 2:].T @ rotation_of(world, MOUNT)
         row, z = pose[2, :3], pose[2, 3]
@@ -77,16 +79,16 @@ def scaled_range_factor(
             jacobians[1] = of_world
         return np.array([gain * height / cosine + world[DATUM] - range_m])
 
-    return gtsam.CustomFactor(model, [pose_key, world_key], error)
+    return gtsam.CustomFactor(model, [pose_key, WORLD], error)
 
 
 def scaled_position_factor(
-    pose_key: int, world_key: int, w_p_antenna_m: Array, model: gtsam.noiseModel.Base, c_T_b: Array
+    pose_key: int, w_p_antenna_m: Array, model: gtsam.noiseModel.Base, c_T_b: Array
 ) -> gtsam.CustomFactor:
     """Return a position factor: A (s p + R t) + (0, 0, f) + o - measured, t the antenna in the camera."""
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        pose, world = values.atPose3(pose_key).matrix(), values.atVector(world_key)
+        pose, world = values.atPose3(pose_key).matrix(), values.atVector(WORLD)
         R, p, scale = pose[:3, :3], pose[:3, 3], math.exp(world[LOG_SCALE])
         A, turn = rotation_of(world, SLOPE), rotation_of(world, MOUNT).T
         t = turn @ (c_T_b[:3, :3] @ world[ANTENNA] + c_T_b[:3, 3])
@@ -106,12 +108,10 @@ def scaled_position_factor(
         off[2] += world[FLOOR_Z]
         return np.asarray(off)
 
-    return gtsam.CustomFactor(model, [pose_key, world_key], error)
+    return gtsam.CustomFactor(model, [pose_key, WORLD], error)
 
 
-def level_factor(
-    pose_key: int, world_key: int, c_up: Array, model: gtsam.noiseModel.Base
-) -> gtsam.CustomFactor:
+def level_factor(pose_key: int, c_up: Array, model: gtsam.noiseModel.Base) -> gtsam.CustomFactor:
     """Return the factor of the measured up direction in camera axes: (2,) rad across it, of M R' A' e_z.
 
     The pose is relative to the sloped floor, but gravity is that of the world. Source: derived.
@@ -122,7 +122,7 @@ def level_factor(
     across = np.array([first, cross_matrix(c_up) @ first])
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        R, world = values.atPose3(pose_key).matrix()[:3, :3], values.atVector(world_key)
+        R, world = values.atPose3(pose_key).matrix()[:3, :3], values.atVector(WORLD)
         f_up = rotation_of(world, SLOPE)[2]
         up, seen = f_up @ R, across @ rotation_of(world, MOUNT)
         if jacobians is not None:
@@ -136,7 +136,7 @@ def level_factor(
             jacobians[1] = of_world
         return np.asarray(seen @ up)
 
-    return gtsam.CustomFactor(model, [pose_key, world_key], error)
+    return gtsam.CustomFactor(model, [pose_key, WORLD], error)
 
 
 def body_up(roll_pitch_yaw_rad: Array) -> Array:

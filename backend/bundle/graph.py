@@ -24,6 +24,7 @@ from backend.bundle.factors import (
     MOUNT,
     OFFSET,
     SLOPE,
+    WORLD,
     WORLD_SIZE,
     body_up,
     level_factor,
@@ -47,7 +48,6 @@ from backend.measurements import NO_REPORTED_NOISE, FloorTracks, Measurements, P
 from backend.robust import huber_limit, robust
 
 Array = NDArray[np.float64]
-WORLD = gtsam.symbol("w", 0)
 
 
 @dataclass(frozen=True)
@@ -161,6 +161,10 @@ class BundleProblem:
         """Transform from body to camera coordinates, by the nominal mount."""
         return se3.inverse(self.camera.b_T_c)
 
+    def transform(self, values: gtsam.Values) -> WorldTransform:
+        """Return the transform from camera poses in mean heights to metric poses of the body."""
+        return WorldTransform.of(values, self.camera.b_T_c)
+
     def b_T_c(self, values: gtsam.Values) -> Array:
         """Return the transform from camera to body coordinates, by the estimated mount."""
         rotation = np.eye(4)
@@ -202,7 +206,7 @@ def pose_side_factors(problem: BundleProblem, noise: NoiseLevels, start: gtsam.V
     _add_sensors(pose_side, problem, noise)
     lens = None if problem.self_calibrates else start_numbers(problem.camera)
     weights = ControlWeights(noise.control, noise.marks, problem.config.huber_sigmas)
-    add_control(pose_side, problem.measurements.control, WORLD, lens, weights, problem.exposure_motion)
+    add_control(pose_side, problem.measurements.control, lens, weights, problem.exposure_motion)
     if problem.self_calibrates:
         add_calibration(pose_side, problem.camera)
     if problem.exposure_motion is not None:
@@ -213,11 +217,11 @@ def pose_side_factors(problem: BundleProblem, noise: NoiseLevels, start: gtsam.V
     add_aligned(pose_side, problem.measurements.aligned, problem.camera, start)
     b_T_c = problem.camera.b_T_c
     if problem.reported is not None:
-        add_reported(pose_side, problem.reported, WORLD, b_T_c, noise.reported)
+        add_reported(pose_side, problem.reported, b_T_c, noise.reported)
         if problem.inertial is None:
             problem.reported.path.frames.add(pose_side, start, NOMINAL_INERTIAL_NOISE.frames)
     if problem.inertial is not None:
-        add_inertial(pose_side, problem.inertial, start, WORLD, b_T_c, noise.inertial)
+        add_inertial(pose_side, problem.inertial, start, b_T_c, noise.inertial)
     return pose_side
 
 
@@ -236,12 +240,12 @@ def _add_sensors(pose_side: PoseSideFactors, problem: BundleProblem, noise: Nois
         for a, std in zip(measurements.attitudes, noise.roll_pitch_rad * ratio, strict=True):
             c_up = c_T_b[:3, :3] @ body_up(a.roll_pitch_yaw_rad)
             model = robust(gtsam.noiseModel.Isotropic.Sigma(2, std))
-            pose_side.add("attitude", level_factor(POSE(a.k), WORLD, c_up, model))
+            pose_side.add("attitude", level_factor(POSE(a.k), c_up, model))
     if measurements.ranges:
         ratio = over_typical([r.to_level_std_m for r in measurements.ranges])
         for r, std in zip(measurements.ranges, noise.range_m * ratio, strict=True):
             model = robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
-            factor = scaled_range_factor(POSE(r.k), WORLD, r.to_level_m, model, c_T_b @ r.b_T_s)
+            factor = scaled_range_factor(POSE(r.k), r.to_level_m, model, c_T_b @ r.b_T_s)
             pose_side.add("range", factor)
     if measurements.positions:
         over = positions_over_typical(measurements.positions)
@@ -250,12 +254,12 @@ def _add_sensors(pose_side: PoseSideFactors, problem: BundleProblem, noise: Nois
             measured = np.isfinite(p.std_m)
             precision = np.where(measured, std_m**-2.0, 0.0)
             model = robust(gtsam.noiseModel.Diagonal.Precisions(precision), int(measured.sum()))
-            pose_side.add("position", scaled_position_factor(POSE(p.k), WORLD, p.w_p_antenna_m, model, c_T_b))
+            pose_side.add("position", scaled_position_factor(POSE(p.k), p.w_p_antenna_m, model, c_T_b))
     if measurements.heights:
         ratio = over_typical([h.std_m for h in measurements.heights])
         for h, std in zip(measurements.heights, noise.height_m * ratio, strict=True):
             model = robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
-            factor = height_factor(POSE(h.k), WORLD, h.height_m, model, problem.camera.b_T_c)
+            factor = height_factor(POSE(h.k), h.height_m, model, problem.camera.b_T_c)
             pose_side.add("barometer height", factor)
 
 
@@ -304,40 +308,3 @@ def _world_instruments(by_imu: bool) -> list[str]:
     if by_imu:
         found[LOG_SCALE] = "imu"
     return found
-
-
-def metric_poses(problem: BundleProblem, values: gtsam.Values) -> Array:
-    """Return body poses (n, 4, 4) in metres in the measured world."""
-    transform = WorldTransform(values.atVector(WORLD), problem.camera.b_T_c)
-    poses = (values.atPose3(POSE(k)) for k in range(problem.measurements.count))
-    return np.array([transform.body_pose(pose).matrix() for pose in poses])
-
-
-def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array) -> Array:
-    """Return the Jacobian (n, 6, 6 + w) of metric body poses by perturbations of pose and world.
-
-    ``origin`` (3,), in mean heights, is the fixed point of a change of scale.
-    """
-    transform = WorldTransform(values.atVector(WORLD), problem.camera.b_T_c)
-    poses = (values.atPose3(POSE(k)) for k in range(problem.measurements.count))
-    return np.array([transform.jacobian(pose, origin) for pose in poses])
-
-
-def over_floor_jacobians(problem: BundleProblem, values: gtsam.Values) -> Array:
-    """Return the same (n, 6, 6 + w) of body poses relative to the floor: its height and slope are no part."""
-    # The origin is the point of the floor below that of the world.
-    J = metric_jacobians(problem, values, origin(problem, values) * [1.0, 1.0, 0.0])
-    J[:, :, 6 + FLOOR_Z] = 0.0
-    J[:, :, 6:][:, :, SLOPE] = 0.0
-    return J
-
-
-def origin(problem: BundleProblem, values: gtsam.Values) -> Array:
-    """Return (3,) the point that is the origin: without positions, the first keyframe by definition."""
-    return np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
-
-
-def propagated(J: Array, covariances: Array) -> Array:
-    """Return covariances (n, p, p) of quantities with the Jacobians (n, p, q) by variables, from the
-    variables' own (n, q, q)."""
-    return np.asarray(J @ covariances @ np.swapaxes(J, 1, 2))

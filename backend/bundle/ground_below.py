@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from backend import se3
-from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE
-from backend.bundle.graph import WORLD, BundleProblem, Variables
+from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, WORLD
+from backend.bundle.graph import BundleProblem, Variables
 
 Array = NDArray[np.float64]
 

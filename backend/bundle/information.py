@@ -8,7 +8,9 @@ import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, metric_jacobians, start_variables
+from backend.bundle.factors import WORLD
+from backend.bundle.graph import BundleConfig, BundleProblem, start_variables
+from backend.bundle.metric_poses import metric_jacobians
 from backend.bundle.minimise import BundleCost, BundleOptimum
 from backend.bundle.noise import start_noise
 from backend.bundle.reduced_system import ReducedSystem

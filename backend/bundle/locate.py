@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.control import in_metres, on_floor, view
 from backend.bundle.exposure_motion import row_shifts
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import WORLD
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
 from backend.bundle.reduced_system import ReducedSystem

@@ -16,6 +16,7 @@ from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, pose_sid
 from backend.bundle.observations import Cameras, FloorObservations
 from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.bundle.reduced_system import LinearSystem, ReducedSystem, Structure
+from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
 from backend.gauge import key_name
 from backend.pose_graph.descent import (
@@ -116,6 +117,11 @@ class BundleOptimum:
     def values(self) -> gtsam.Values:
         """Variables of the pose side."""
         return self.at.values
+
+    @property
+    def transform(self) -> WorldTransform:
+        """Transform from camera poses in mean heights to metric poses of the body."""
+        return self.problem.transform(self.values)
 
     def linearise(self) -> LinearSystem:
         """Return the linear system at the optimum."""

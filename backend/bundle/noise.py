@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from backend.bundle.barometer import HEIGHTS, height_residuals
 from backend.bundle.control import mark_residuals, survey_residuals
-from backend.bundle.factors import ANTENNA, OFFSET, body_up
+from backend.bundle.factors import ANTENNA, OFFSET, WORLD, body_up
 from backend.bundle.free_points import FreePoints
-from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, metric_poses
+from backend.bundle.graph import BundleConfig, BundleProblem, NoiseLevels
 from backend.bundle.ground_below import level_ranges_m
+from backend.bundle.metric_poses import metric_poses
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.noise_level import (
     least_std,
@@ -186,7 +187,7 @@ def _sensor_noise(
         marks = mark_residuals(points, values, cameras.f_T_c, cameras.calibration, problem.exposure_motion)
         level = replace(
             level,
-            control=_survey_scale(survey_residuals(points, values, WORLD)),
+            control=_survey_scale(survey_residuals(points, values)),
             marks=_mark_scale(marks, len(points)),
         )
     if len(measurements.ranges) > 3:

@@ -14,8 +14,8 @@ import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.factors import ANTENNA, OFFSET
-from backend.bundle.graph import WORLD, metric_jacobians, metric_poses
+from backend.bundle.factors import ANTENNA, OFFSET, WORLD
+from backend.bundle.metric_poses import metric_jacobians, metric_poses
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.noise_level import positions_over_typical
 from backend.sparse_cholesky import SingularMatrixError

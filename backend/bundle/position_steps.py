@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.factors import OFFSET
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import OFFSET, WORLD
 from backend.bundle.minimise import BundleOptimum
 from backend.quantiles import chi_square_limit
 from backend.significance import FALSE_ALARM, RIVAL_CHI_SQUARE, SURE_SIGMAS

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
-from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE
-from backend.bundle.graph import WORLD, ScalePrior
+from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, WORLD
+from backend.bundle.graph import ScalePrior
 from backend.bundle.ground_below import ground_below_m
 from backend.bundle.lens_evidence import design_effect, log_marginal_likelihood
 from backend.bundle.minimise import BundleOptimum

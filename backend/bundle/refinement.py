@@ -35,32 +35,32 @@ from backend.bundle.factors import (
     MOUNT,
     OFFSET,
     SLOPE,
+    WORLD,
     WORLD_SIZE,
 )
 from backend.bundle.graph import (
-    WORLD,
     BundleConfig,
     BundleProblem,
     NoiseLevels,
     ScalePrior,
     Variables,
-    metric_jacobians,
-    metric_poses,
-    origin,
-    over_floor_jacobians,
-    propagated,
     start_variables,
 )
 from backend.bundle.inertial.graph import InertialPart
 from backend.bundle.inertial.noise import start_factors
 from backend.bundle.lens import LensEstimate, prior_covariance, start_numbers
+from backend.bundle.metric_poses import (
+    metric_jacobians,
+    metric_poses,
+    over_floor_jacobians,
+    propagated,
+)
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.model_selection import solve_best_model
 from backend.bundle.noise import start_noise
 from backend.bundle.reported.graph import ReportedPart
 from backend.bundle.rolling_shutter import ReadoutEstimate, row_motion, with_known_readout
 from backend.bundle.rounds import Solved, reported_noise
-from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
 from backend.measurements import Measurements, PinholeModel
 from backend.pose_graph.solution import RangeErrors
@@ -209,20 +209,19 @@ def _with_motion(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, 
     reported = ReportedPart.of(measured, camera)
     if reported is not None:
         if not (measured.inertial or problem.has_lengths):
-            at = _scaled(reported, at, camera)
+            at = _scaled(reported, problem, at)
         at = replace(at, values=reported.start(at.values))
-    transform = WorldTransform(at.values.atVector(WORLD), camera.b_T_c)
+    transform = problem.transform(at.values)
     inertial = InertialPart.of(measured, camera, at.values, transform)
     if inertial is not None:
         at = replace(at, values=inertial.start(at.values, transform))
     return replace(problem, inertial=inertial, reported=reported), at
 
 
-def _scaled(reported: ReportedPart, at: Variables, camera: PinholeModel) -> Variables:
+def _scaled(reported: ReportedPart, problem: BundleProblem, at: Variables) -> Variables:
     """Return the variables at the scale of reported lengths: nothing else determines it."""
     values, world = gtsam.Values(at.values), at.values.atVector(WORLD)
-    transform = WorldTransform(world, camera.b_T_c)
-    ratio = reported.length_ratio(reported.path.placed(values), transform)
+    ratio = reported.length_ratio(reported.path.placed(values), problem.transform(values))
     world[LOG_SCALE] += np.log(ratio) if ratio > 0 else 0.0
     values.update(WORLD, world)
     return replace(at, values=values)
@@ -233,7 +232,7 @@ def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Valu
 
     ``joint`` (n, 6 + w, 6 + w) holds the joint covariances of pose and world.
     """
-    in_world = metric_jacobians(problem, values, origin(problem, values))
+    in_world = metric_jacobians(problem, values)
     return propagated(in_world, joint), propagated(over_floor_jacobians(problem, values), joint)
 
 
@@ -243,7 +242,7 @@ def _antenna_covariances(problem: BundleProblem, joint: Array, values: gtsam.Val
     w_R_b = metric_poses(problem, values)[:, :3, :3]
     # A right perturbation (r, t) moves the antenna by R (t - a x r).
     of_pose = np.concatenate([-w_R_b @ gtsam.Rot3.Hat(antenna_m), w_R_b], axis=2)
-    J = of_pose @ metric_jacobians(problem, values, origin(problem, values))
+    J = of_pose @ metric_jacobians(problem, values)
     J[:, :, 6:][:, :, ANTENNA] += w_R_b
     return propagated(J, joint)
 

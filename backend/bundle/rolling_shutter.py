@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.exposure_motion import PRIOR_STD_S, READOUT, ExposureMotion, since_middle
-from backend.bundle.factors import LOG_SCALE, SLOPE, rotation_of
+from backend.bundle.factors import LOG_SCALE, SLOPE, WORLD, rotation_of
 from backend.bundle.floor_speed import camera_motion
-from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables
+from backend.bundle.graph import BundleProblem, NoiseLevels, Variables
 from backend.bundle.lens_evidence import design_effect
 from backend.bundle.minimise import BundleCost, BundleOptimum
 from backend.bundle.observations import Cameras

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.checkpoints import minimum_of
-from backend.bundle.factors import LOG_SCALE, SLOPE
-from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables, start_calibration
+from backend.bundle.factors import LOG_SCALE, SLOPE, WORLD
+from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, start_calibration
 from backend.bundle.ground_below import over_ground
 from backend.bundle.inertial.graph import without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise
@@ -19,7 +19,6 @@ from backend.bundle.lens import is_uncertain
 from backend.bundle.minimise import COARSE, FINE, BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import TOLERANCE, estimate_noise, same_noise
 from backend.bundle.rolling_shutter import corrected_rows
-from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, ReportedNoise
 from backend.pose_graph.descent import OnStep
 
@@ -46,7 +45,7 @@ class _Prior(Enum):
 
 @dataclass(frozen=True)
 class _Round:
-    """What a round is solved with."""
+    """Inputs of a round."""
 
     problem: BundleProblem
     at: Variables
@@ -195,7 +194,7 @@ def reported_noise(problem: BundleProblem, values: gtsam.Values) -> ReportedNois
     """Return the noise of reported motion that the poses show."""
     if problem.reported is None:
         return NO_REPORTED_NOISE
-    return problem.reported.noise(values, WorldTransform(values.atVector(WORLD), problem.camera.b_T_c))
+    return problem.reported.noise(values, problem.transform(values))
 
 
 def _reintegrated(

@@ -11,6 +11,7 @@ from backend.bundle.factors import (
     LOG_SCALE,
     MOUNT,
     SLOPE,
+    WORLD,
     WORLD_SIZE,
     rotation_jacobian,
     rotation_of,
@@ -33,6 +34,11 @@ class WorldTransform:
         self.b_T_c = gtsam.Pose3(b_T_c).compose(turned)
         self.c_T_b = self.b_T_c.inverse()
         self.adjoint = self.b_T_c.AdjointMap()
+
+    @staticmethod
+    def of(values: gtsam.Values, b_T_c: Array) -> WorldTransform:
+        """Return the transform by the variables of a graph."""
+        return WorldTransform(values.atVector(WORLD), b_T_c)
 
     def body_pose(self, f_T_c: gtsam.Pose3) -> gtsam.Pose3:
         """Return the metric pose of the body for a camera pose over the floor in mean heights."""

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from backend.bundle.accuracy.refined_points import metric_points
-from backend.bundle.factors import LOG_SCALE
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import LOG_SCALE, WORLD
 from backend.bundle.refinement import Bundle
 from frontend.elevation import NEAREST, Elevation, elevation_map
 from frontend.obstacles import ObstacleList, standing_on

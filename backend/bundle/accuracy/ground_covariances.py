@@ -18,11 +18,11 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.graph import WORLD, over_floor_jacobians, propagated
+from backend.bundle.factors import WORLD
+from backend.bundle.metric_poses import over_floor_jacobians, propagated
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import undistorted
-from backend.bundle.world import WorldTransform
 from backend.se3 import cross_matrix
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ class SeenGround:
         """Return the places of a refined map."""
         cameras = Cameras.of(optimum.problem, optimum.values)
         ray, _ = _rays(cameras.calibration, _seen_pixel(optimum))
-        height_m = WorldTransform(optimum.values.atVector(WORLD), optimum.problem.camera.b_T_c).scale
+        height_m = optimum.transform.scale
         return SeenGround(cameras.f_T_c, ray, _to_body(optimum), height_m)
 
     def jacobian(self, k: int) -> Array:
@@ -100,7 +100,7 @@ class SeenGround:
 
 def _to_body(optimum: BundleOptimum) -> Array:
     """Return (6, 6) the right perturbation of a metric body pose by that of its camera in mean heights."""
-    transform = WorldTransform(optimum.values.atVector(WORLD), optimum.problem.camera.b_T_c)
+    transform = optimum.transform
     return np.asarray(transform.adjoint @ np.diag([1.0, 1.0, 1.0, *(transform.scale,) * 3]))
 
 

@@ -17,7 +17,8 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.accuracy.refined_points import metric_points, point_jacobians
-from backend.bundle.graph import WORLD, metric_jacobians, metric_poses, origin
+from backend.bundle.factors import WORLD
+from backend.bundle.metric_poses import metric_jacobians, metric_poses
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reduced_system import ReducedSystem
 
@@ -74,7 +75,7 @@ def _of_path(optimum: BundleOptimum, reduced: ReducedSystem) -> Array:
     by_place = np.zeros((len(w_T_b), 3, 3))
     by_place[:, 0, :2] = away / np.sum(away**2)
     by_place[:, 1, 0] = by_place[:, 2, 1] = 1.0 / len(w_T_b)
-    J = by_place @ w_T_b[:, :3, :3] @ metric_jacobians(problem, values, origin(problem, values))[:, 3:]
+    J = by_place @ w_T_b[:, :3, :3] @ metric_jacobians(problem, values)[:, 3:]
     of_pose = np.zeros((reduced.size, 3))
     for k, each in enumerate(J):
         of_pose[reduced.structure.columns(POSE(k))] += each[:, :6].T

@@ -19,16 +19,9 @@ from numpy.typing import NDArray
 
 from backend.bundle.accuracy.ground_covariances import SeenGround, ground_jacobians
 from backend.bundle.accuracy.ground_size import gradients
-from backend.bundle.factors import LOG_SCALE
-from backend.bundle.graph import (
-    WORLD,
-    metric_jacobians,
-    metric_poses,
-    origin,
-    over_floor_jacobians,
-)
+from backend.bundle.factors import LOG_SCALE, WORLD
+from backend.bundle.metric_poses import metric_jacobians, metric_poses, over_floor_jacobians
 from backend.bundle.minimise import BundleOptimum
-from backend.bundle.world import WorldTransform
 
 Array = NDArray[np.float64]
 
@@ -77,7 +70,7 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
 def _height_jacobian(optimum: BundleOptimum, k: int) -> Array:
     """Return the Jacobian (1, 6 + w) of the height of keyframe k over the floor."""
     problem, values = optimum.problem, optimum.values
-    c_T_b = WorldTransform(values.atVector(WORLD), problem.camera.b_T_c).c_T_b
+    c_T_b = problem.transform(values).c_T_b
     f_R_b = values.atPose3(POSE(k)).compose(c_T_b).rotation().matrix()
     return np.asarray(f_R_b[2:] @ over_floor_jacobians(problem, values)[k, 3:])
 
@@ -94,6 +87,6 @@ def _farthest(optimum: BundleOptimum) -> tuple[int, Array]:
     problem, values = optimum.problem, optimum.values
     w_T_b = metric_poses(problem, values)
     k = int(np.argmax(np.linalg.norm(w_T_b[:, :3, 3] - w_T_b[0, :3, 3], axis=1)))
-    J = metric_jacobians(problem, values, origin(problem, values))[k]
+    J = metric_jacobians(problem, values)[k]
     J[3:] = w_T_b[k, :3, :3] @ J[3:]
     return k, J

@@ -16,7 +16,8 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from backend.bundle.graph import WORLD, metric_jacobians, origin
+from backend.bundle.factors import WORLD
+from backend.bundle.metric_poses import metric_jacobians
 from backend.bundle.minimise import BundleOptimum
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ def joint_errors(optimum: BundleOptimum, covariances: Array, count: int) -> Arra
     problem, values = optimum.problem, optimum.values
     reduced = optimum.linearise().eliminate()
     columns = reduced.structure.columns
-    J = metric_jacobians(problem, values, origin(problem, values))
+    J = metric_jacobians(problem, values)
     of_poses = reduced.structure.columns_of([POSE(k) for k in range(len(J))])
     factor, inverse = _square_roots(covariances)
 

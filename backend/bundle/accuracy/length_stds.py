@@ -17,7 +17,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.accuracy.ground_covariances import INNER_RAYS, SeenGround, ground_jacobians
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import WORLD
 from backend.bundle.minimise import BundleOptimum
 
 Array = NDArray[np.float64]

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.factors import FLOOR_Z, LOG_SCALE, SLOPE
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import FLOOR_Z, LOG_SCALE, SLOPE, WORLD, WORLD_SIZE
+from backend.bundle.metric_poses import origin
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reduced_system import columns_at_once
-from backend.bundle.world import WorldTransform
 from backend.se3 import cross_matrix
 
 Array = NDArray[np.float64]
@@ -21,7 +19,7 @@ _DRAWS, _AT_A_TIME = 200, 25
 
 def metric_points(optimum: BundleOptimum) -> Array:
     """Return (t, 3) the floor points in the measured world, in metres."""
-    transform = _transform(optimum)
+    transform = optimum.transform
     place = transform.scale * optimum.at.point @ transform.slope.T + transform.w_T_f.translation()
     return np.asarray(place)
 
@@ -55,17 +53,11 @@ def point_jacobians(optimum: BundleOptimum) -> tuple[Array, Array]:
 
     They are those of `backend.bundle.world.WorldTransform.jacobian` for points.
     """
-    placed, values = optimum.problem.measurements.placed, optimum.values
-    origin = np.zeros(3) if placed else values.atPose3(POSE(0)).translation()
-    transform, away = _transform(optimum), optimum.at.point - origin
+    transform, away = optimum.transform, optimum.at.point - origin(optimum.problem, optimum.values)
     of_point = transform.scale * transform.slope
-    of_world = np.zeros((len(away), 3, len(values.atVector(WORLD))))
+    of_world = np.zeros((len(away), 3, WORLD_SIZE))
     of_world[:, :, LOG_SCALE] = away @ of_point.T
     of_world[:, 2, FLOOR_Z] = 1.0
     turned = np.array([cross_matrix(p) for p in away]).reshape(-1, 3, 3) @ transform.slope_jacobian
     of_world[:, :, SLOPE] = -of_point @ turned
     return of_point, of_world
-
-
-def _transform(optimum: BundleOptimum) -> WorldTransform:
-    return WorldTransform(optimum.values.atVector(WORLD), optimum.problem.camera.b_T_c)

@@ -18,7 +18,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.exposure_motion import READOUT, since_middle
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import WORLD
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
 from backend.bundle.picture_variables import PictureVariables, picture_variables

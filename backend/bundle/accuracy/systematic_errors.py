@@ -20,7 +20,8 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.accuracy.systematic_terms import Kind, added_columns
-from backend.bundle.graph import WORLD, metric_jacobians, origin
+from backend.bundle.factors import WORLD
+from backend.bundle.metric_poses import metric_jacobians
 from backend.bundle.reduced_system import columns_at_once
 from backend.bundle.refinement import Bundle
 from backend.bundle.residual_spread import autocorrelated_std
@@ -226,7 +227,7 @@ def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
         return jacobian @ np.vstack([by_pose, by_point]), by_pose
 
     added = added_columns(optimum, jacobian)
-    to_metres = metric_jacobians(problem, values, origin(problem, values))
+    to_metres = metric_jacobians(problem, values)
     n = len(to_metres)
     columns: dict[Kind, Array] = {}
     moved: dict[Kind, Array] = {}

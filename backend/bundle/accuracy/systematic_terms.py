@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from backend import se3
-from backend.bundle.factors import LOG_SCALE
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import LOG_SCALE, WORLD
 from backend.bundle.lens import CENTER, FOCAL, NAMES
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras

@@ -14,6 +14,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.factors import WORLD
 from backend.bundle.world import WorldTransform
 from backend.measurements import GRAVITY_M_S2
 from backend.preintegration.intervals import MOTION, STATE_SIZE, InertialInterval
@@ -25,11 +26,16 @@ GAINS, ARM, DELAY, GYRO_GAINS = slice(0, 3), slice(3, 6), 6, slice(7, 10)
 """Index of each number in the variable of the IMU's constants: log gains of the accelerometer, position [m],
 delay [s], log gains of the gyro."""
 IMU_SIZE = 10
+IMU = gtsam.symbol("a", 0)
+"""Key of that variable."""
 
 
 @dataclass(frozen=True)
 class IntervalKeys:
-    """Keys of the variables of an interval, in the order of the factor's Jacobians."""
+    """Keys of the variables of an interval, in the order of the factor's Jacobians.
+
+    Those of the world and of the IMU's constants follow, which all intervals share.
+    """
 
     pose_i: int
     velocity_i: int
@@ -37,8 +43,6 @@ class IntervalKeys:
     velocity_j: int
     bias_i: int
     bias_j: int
-    world: int
-    imu: int
 
 
 class _End:
@@ -103,7 +107,7 @@ def inertial_factor(
         local.insert(key, gtsam.imuBias.ConstantBias())
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        transform, imu = WorldTransform(values.atVector(keys.world), b_T_c), values.atVector(keys.imu)
+        transform, imu = WorldTransform.of(values, b_T_c), values.atVector(IMU)
         cameras = [values.atPose3(key) for key in (keys.pose_i, keys.pose_j)]
         velocities = [values.atVector(key) for key in (keys.velocity_i, keys.velocity_j)]
         ends = [
@@ -143,4 +147,4 @@ def inertial_factor(
         jacobians[6], jacobians[7] = np.asarray(by_world), by_imu
         return np.asarray(whitening @ gained - rewhiten @ right)
 
-    return gtsam.CustomFactor(model, list(astuple(keys)), error)
+    return gtsam.CustomFactor(model, [*astuple(keys), WORLD, IMU], error)

@@ -22,6 +22,7 @@ from backend.bundle.inertial.factor import (
     DELAY,
     GAINS,
     GYRO_GAINS,
+    IMU,
     IMU_SIZE,
     IntervalKeys,
     gain_effect,
@@ -44,7 +45,6 @@ from backend.robust import robust, robust_unit
 
 Array = NDArray[np.float64]
 
-IMU = gtsam.symbol("a", 0)
 _LETTERS = {ord(letter) for letter in "abfv"}
 """Letters of the keys of this part."""
 _LEAST_WALK = 1e-6
@@ -176,7 +176,7 @@ class InertialPart:
                 return f"the {name} would be {found:.2g}, and {std:.2g} is expected"
         return ""
 
-    def keys(self, interval: InertialInterval, world: int) -> IntervalKeys:
+    def keys(self, interval: InertialInterval) -> IntervalKeys:
         """Return the keys of the variables of an interval."""
         i, j = interval.i, interval.j
         return IntervalKeys(
@@ -186,8 +186,6 @@ class InertialPart:
             velocity_j=VELOCITY(j),
             bias_i=BIAS(i),
             bias_j=BIAS(j),
-            world=world,
-            imu=IMU,
         )
 
 
@@ -234,7 +232,6 @@ def add_inertial(
     pose_side: PoseSideFactors,
     part: InertialPart,
     at: gtsam.Values,
-    world: int,
     b_T_c: Array,
     factors: InertialNoiseFactors,
 ) -> None:
@@ -246,7 +243,7 @@ def add_inertial(
     unit = robust_unit(STATE_SIZE)
     for interval in part.intervals:
         whitening = interval.whitening(factors.gyro, factors.accel)
-        keys, by_gain = part.keys(interval, world), part.by_gain[interval.i]
+        keys, by_gain = part.keys(interval), part.by_gain[interval.i]
         factor = inertial_factor(interval, whitening, by_gain, keys, b_T_c, unit)
         pose_side.add("inertial interval", factor)
 

@@ -18,7 +18,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.graph import WORLD, BundleProblem
+from backend.bundle.graph import BundleProblem
 from backend.bundle.inertial.graph import (
     NOMINAL_INERTIAL_NOISE,
     InertialNoiseFactors,
@@ -89,7 +89,7 @@ def start_factors(problem: BundleProblem, values: gtsam.Values) -> InertialNoise
     if part is None:
         return NOMINAL_INERTIAL_NOISE
     factors = PoseSideFactors()
-    add_inertial(factors, part, values, WORLD, problem.camera.b_T_c, NOMINAL_INERTIAL_NOISE)
+    add_inertial(factors, part, values, problem.camera.b_T_c, NOMINAL_INERTIAL_NOISE)
     squares = _Squares.at(factors, values)
     gyro, accel = (
         max(1.0, float(np.sqrt(np.median(found) / chi_square_quantile(0.5, rows.stop - rows.start))))

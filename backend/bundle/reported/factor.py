@@ -19,6 +19,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.factors import WORLD
 from backend.bundle.reported.integrate import ReportedInterval
 from backend.bundle.world import WorldTransform
 from backend.measurements import ReportedNoise
@@ -32,20 +33,23 @@ GAINS, BIAS, DRIFT, LAG = slice(0, 2), slice(2, 4), 4, 5
 """Index of each number in the variable of the constants: gains, constant errors [m/s], drift of the yaw
 [rad/s], lag of the velocities [s]."""
 CONSTANTS_SIZE = 6
+REPORTED = gtsam.symbol("r", 0)
+"""Key of that variable."""
 _QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])
 """Turn of a quarter to the left."""
 
 
 @dataclass(frozen=True)
 class ReportedKeys:
-    """Keys of the variables of an interval, in the order of the factor's Jacobians."""
+    """Keys of the variables of an interval, in the order of the factor's Jacobians.
+
+    Those of the world and of the constants follow, which all intervals share.
+    """
 
     pose_i: int
     pose_j: int
     error_i: int
     error_j: int
-    world: int
-    constants: int
 
 
 @dataclass(frozen=True)
@@ -153,10 +157,7 @@ def reported_factor(
     by_error[2, 2] = -noise.by_error[2]
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        transform, constants = (
-            WorldTransform(values.atVector(keys.world), b_T_c),
-            values.atVector(keys.constants),
-        )
+        transform, constants = WorldTransform.of(values, b_T_c), values.atVector(REPORTED)
         cameras = [values.atPose3(key) for key in (keys.pose_i, keys.pose_j)]
         bodies = [transform.body_pose(camera) for camera in cameras]
         step, turn_rad, to_heading = planar_motion(bodies[0], bodies[1], interval.turn_rad)
@@ -176,4 +177,4 @@ def reported_factor(
             jacobians[4], jacobians[5] = np.asarray(by_world), whitening @ _by_constants(interval, step, bias)
         return np.asarray(whitening @ off)
 
-    return gtsam.CustomFactor(model, list(astuple(keys)), error)
+    return gtsam.CustomFactor(model, [*astuple(keys), WORLD, REPORTED], error)

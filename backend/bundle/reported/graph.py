@@ -20,6 +20,7 @@ from backend.bundle.reported.factor import (
     DRIFT,
     GAINS,
     LAG,
+    REPORTED,
     IntervalNoise,
     ReportedKeys,
     planar_motion,
@@ -33,8 +34,6 @@ from backend.robust import robust_unit
 
 Array = NDArray[np.float64]
 
-REPORTED = gtsam.symbol("r", 0)
-"""Key of the constants."""
 _FREE_GAIN = 1.0
 """Standard deviation of the gains where a height sensor tells the lengths. A velocity by optical flow is the
 flow times the height of the same or another sensor, so that it is no second measurement of the scale."""
@@ -152,7 +151,6 @@ def _constants_covariance(motion: ReportedMotion, gain_std: float) -> Array:
 def add_reported(
     pose_side: PoseSideFactors,
     part: ReportedPart,
-    world: int,
     b_T_c: Array,
     noise: ReportedNoise,
 ) -> None:
@@ -170,9 +168,7 @@ def add_reported(
     rows = CHANNELS if motion.tells_turns else CHANNELS - 1
     model = robust_unit(rows)
     for one in part.intervals:
-        keys = ReportedKeys(
-            part.path.keys[one.i], part.path.keys[one.j], ERROR(one.i), ERROR(one.j), world, REPORTED
-        )
+        keys = ReportedKeys(part.path.keys[one.i], part.path.keys[one.j], ERROR(one.i), ERROR(one.j))
         interval_noise = IntervalNoise.of(one, noise, part.jumps.get(one.i, np.zeros(CHANNELS)))
         factor = reported_factor(one, interval_noise, keys, b_T_c, rows, model)
         pose_side.add("reported interval", factor, _OF_CHANNELS[:rows])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from backend.bundle.graph import WORLD
 from backend.bundle.minimise import BundleOptimum
-from backend.bundle.world import WorldTransform
 
 
 def reported_damage(optimum: BundleOptimum) -> str:
@@ -12,4 +10,4 @@ def reported_damage(optimum: BundleOptimum) -> str:
     part, values = optimum.problem.reported, optimum.values
     if part is None:
         return ""
-    return part.damage(values, WorldTransform(values.atVector(WORLD), optimum.problem.camera.b_T_c))
+    return part.damage(values, optimum.transform)

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.refinement import Bundle
-from backend.bundle.reported.factor import BIAS, CHANNELS, GAINS, LAG
-from backend.bundle.reported.graph import REPORTED
+from backend.bundle.reported.factor import BIAS, CHANNELS, GAINS, LAG, REPORTED
 from backend.significance import SURE_SIGMAS
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.instrument_errors import VelocityErrors

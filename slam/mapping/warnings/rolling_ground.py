@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from backend.bundle.factors import LOG_SCALE
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import LOG_SCALE, WORLD
 from slam.core.messages import Message, warning
 from slam.core.units import length
 from slam.mapping.map import Map

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.factors import SLOPE
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import SLOPE, WORLD
 from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.messages import Message, warning

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from backend.bundle.accuracy.information_shares import information_shares
 from backend.bundle.barometer import GAIN_STD, HEIGHTS, height_factor
 from backend.bundle.refinement import refine
-from tests.backend.bundle.test_factors import POSE, SEEDS, WORLD, draw, metric_world_pose, values_of
+from tests.backend.bundle.test_factors import POSE, SEEDS, draw, metric_world_pose, values_of
 from tests.backend.made_floor import Made, Scene, make
 
 CLIMBING = Scene(height_m=10.0, height_swing=0.3, range_std_m=None, barometer_std_m=0.3)
@@ -25,7 +25,7 @@ def test_the_error_is_that_of_the_height_of_the_body(seed):
     f_T_c, world, c_T_b = draw(seed)
     values = values_of(f_T_c, world)
     values.insert(HEIGHTS, np.array([1.05, 30.0]))
-    factor = height_factor(POSE, WORLD, 7.0, gtsam.noiseModel.Unit.Create(1), np.linalg.inv(c_T_b))
+    factor = height_factor(POSE, 7.0, gtsam.noiseModel.Unit.Create(1), np.linalg.inv(c_T_b))
     z = metric_world_pose(f_T_c, world, c_T_b)[2, 3]
     assert factor.unwhitenedError(values) == pytest.approx([1.05 * z + 30.0 - 7.0])
     linear = factor.linearize(values).jacobian()[0]

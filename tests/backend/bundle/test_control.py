@@ -13,8 +13,7 @@ from gtsam.symbol_shorthand import X as POSE
 from scipy.stats import chi2
 
 from backend.bundle.control import survey_factor, view_factor
-from backend.bundle.factors import WORLD_SIZE
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import WORLD, WORLD_SIZE
 from backend.bundle.locate import locate
 from backend.bundle.refinement import refine
 from tests.backend.bundle.made_control import DATUM_M, SURVEYED, refined, surveyed
@@ -101,7 +100,7 @@ def test_jacobians(lens):
     held = numbers if lens == "held" else None
     factors = (
         view_factor(POSE(0), POINT(0), np.array([600.0, 500.0]), model, held),
-        survey_factor(POINT(0), WORLD, np.array([1.0, 2.0, 3.0]), gtsam.noiseModel.Unit.Create(3)),
+        survey_factor(POINT(0), np.array([1.0, 2.0, 3.0]), gtsam.noiseModel.Unit.Create(3)),
     )
     for factor in factors:
         A, at = factor.linearize(values).jacobian()[0], 0

@@ -14,6 +14,7 @@ from backend.bundle.factors import (
     MOUNT,
     OFFSET,
     SLOPE,
+    WORLD,
     WORLD_SIZE,
     body_up,
     level_factor,
@@ -21,7 +22,7 @@ from backend.bundle.factors import (
     scaled_range_factor,
 )
 
-POSE, WORLD = 0, 1
+POSE = 0
 SEEDS = st.integers(0, 2**32 - 1)
 
 
@@ -99,9 +100,9 @@ def test_the_jacobians_are_those_of_central_differences(seed):
     values = values_of(f_T_c, world)
     c_up = c_T_b[:3, :3] @ body_up(np.array([0.1, -0.2, 1.0]))
     for factor in (
-        scaled_range_factor(POSE, WORLD, 1.3, model(1), c_T_b),
-        scaled_position_factor(POSE, WORLD, np.array([1.0, -2.0, 30.0]), model(3), c_T_b),
-        level_factor(POSE, WORLD, c_up, model(2)),
+        scaled_range_factor(POSE, 1.3, model(1), c_T_b),
+        scaled_position_factor(POSE, np.array([1.0, -2.0, 30.0]), model(3), c_T_b),
+        level_factor(POSE, c_up, model(2)),
     ):
         for given_jacobian, expected in zip(analytic(factor, values), numeric(factor, values), strict=True):
             size = max(1.0, np.abs(expected).max())
@@ -117,7 +118,7 @@ def test_a_range_is_where_the_ray_along_the_body_meets_the_floor(seed):
     normal = Rotation.from_rotvec([*world[SLOPE], 0.0]).apply([0.0, 0.0, 1.0])
     down = -w_T_b[:3, 2]
     distance = normal @ (np.array([0.0, 0.0, world[FLOOR_Z]]) - w_T_b[:3, 3]) / (normal @ down)
-    factor = scaled_range_factor(POSE, WORLD, 0.7, model(1), c_T_b)
+    factor = scaled_range_factor(POSE, 0.7, model(1), c_T_b)
     error = factor.unwhitenedError(values_of(f_T_c, world))
     assert error == pytest.approx([np.exp(world[LOG_GAIN]) * distance + world[DATUM] - 0.7], rel=1e-9)
 
@@ -127,7 +128,7 @@ def test_a_range_is_where_the_ray_along_the_body_meets_the_floor(seed):
 def test_a_position_is_that_of_the_antenna_in_the_world_of_positions(seed):
     f_T_c, world, c_T_b = draw(seed)
     nominal = np.array([3.0, -1.0, 12.0])
-    factor = scaled_position_factor(POSE, WORLD, nominal, model(3), c_T_b)
+    factor = scaled_position_factor(POSE, nominal, model(3), c_T_b)
     w_T_b = metric_world_pose(f_T_c, world, c_T_b)
     expected = (w_T_b @ [*world[ANTENNA], 1.0])[:3] + world[OFFSET] - nominal
     assert factor.unwhitenedError(values_of(f_T_c, world)) == pytest.approx(expected, abs=1e-9)
@@ -140,11 +141,11 @@ def test_up_is_the_world_s_and_not_the_floor_s(seed):
     f_T_c, world, c_T_b = draw(seed)
     w_R_b = metric_world_pose(f_T_c, world, c_T_b)[:3, :3]
     values = values_of(f_T_c, world)
-    right = level_factor(POSE, WORLD, c_T_b[:3, :3] @ w_R_b[2], model(2))
+    right = level_factor(POSE, c_T_b[:3, :3] @ w_R_b[2], model(2))
     assert right.unwhitenedError(values) == pytest.approx(np.zeros(2), abs=1e-12)
     axis = np.cross(w_R_b[2], [0.3, 0.5, -0.8])
     off = Rotation.from_rotvec(0.07 * axis / np.linalg.norm(axis)).apply(w_R_b[2])
-    wrong = level_factor(POSE, WORLD, c_T_b[:3, :3] @ off, model(2))
+    wrong = level_factor(POSE, c_T_b[:3, :3] @ off, model(2))
     assert np.linalg.norm(wrong.unwhitenedError(values)) == pytest.approx(np.sin(0.07), rel=1e-9)
 
 

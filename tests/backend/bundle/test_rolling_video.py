@@ -10,7 +10,7 @@ from gtsam.symbol_shorthand import X as POSE
 
 from backend.bundle.accuracy.row_motion_errors import row_motion_covariances
 from backend.bundle.exposure_motion import READOUT
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import WORLD
 from backend.bundle.refinement import Bundle
 from backend.measurements import RowExposure
 from tests.backend.bundle.made_scenes import SEEDS, SURVEY, errors_squared, position_rms

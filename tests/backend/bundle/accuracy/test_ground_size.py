@@ -10,8 +10,7 @@ import pytest
 
 from backend.bundle.accuracy.ground_size import ground_size
 from backend.bundle.accuracy.refined_points import metric_points
-from backend.bundle.factors import LOG_SCALE
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import LOG_SCALE, WORLD
 from backend.bundle.refinement import refine
 from tests.backend.bundle.made_scenes import AT_ONE_HEIGHT
 from tests.backend.made_floor import CAMERA, Scene, make

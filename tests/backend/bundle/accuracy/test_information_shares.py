@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import X as POSE
 from backend.bundle.accuracy.ground_covariances import SeenGround, ground_jacobians
 from backend.bundle.accuracy.ground_size import gradients
 from backend.bundle.accuracy.information_shares import DIRECTIONS, information_shares
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import WORLD
 from backend.bundle.refinement import refine
 from tests.backend.bundle.inertial.made_inertial import InertialScene
 from tests.backend.bundle.inertial.made_inertial import make as make_inertial

@@ -7,7 +7,8 @@ import pytest
 from gtsam.symbol_shorthand import X as POSE
 
 from backend.bundle.accuracy.joint_errors import joint_errors
-from backend.bundle.graph import WORLD, metric_jacobians, origin
+from backend.bundle.factors import WORLD
+from backend.bundle.metric_poses import metric_jacobians
 from backend.bundle.refinement import refine
 from tests.backend.bundle.optimum_at_truth import at_the_truth, peak_bytes
 from tests.backend.made_floor import Scene, make
@@ -25,7 +26,7 @@ def joint_covariance(bundle):
     jacobian = linear.jacobian()[0].toarray()
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     columns, size = linear.structure.columns, len(covariance)
-    J = metric_jacobians(optimum.problem, optimum.values, origin(optimum.problem, optimum.values))
+    J = metric_jacobians(optimum.problem, optimum.values)
     of_all = np.zeros((n, 6, size))
     for k in range(n):
         of_all[k][:, columns(POSE(k))] = J[k, :, :6]

@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 
 from backend.bundle.accuracy.refined_points import metric_point_stds, metric_points
-from backend.bundle.graph import WORLD
+from backend.bundle.factors import WORLD
 from backend.bundle.refinement import refine
 from tests.backend.bundle.optimum_at_truth import at_the_truth, peak_bytes
 from tests.backend.made_floor import Scene, make

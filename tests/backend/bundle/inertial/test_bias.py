@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X as POSE
 
-from backend.bundle.factors import MOUNT, WORLD_SIZE
+from backend.bundle.factors import MOUNT, WORLD, WORLD_SIZE
 from backend.bundle.frame_poses import FramePoses
-from backend.bundle.graph import WORLD
 from backend.bundle.homography_factor import ImagePlane
 from backend.bundle.inertial.factor import gain_effect
 from backend.bundle.inertial.graph import NOMINAL_INERTIAL_NOISE, InertialPart, add_inertial
@@ -57,7 +56,7 @@ def hovered(lost_s: tuple[float, ...], jump_m_s2: float = 0.0) -> tuple[Inertial
     graph.push_back(gtsam.PriorFactorVector(WORLD, world, gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
     start = part.start(values, WorldTransform(world, NADIR))
     readings = PoseSideFactors()
-    add_inertial(readings, part, start, WORLD, NADIR, NOMINAL_INERTIAL_NOISE)
+    add_inertial(readings, part, start, NADIR, NOMINAL_INERTIAL_NOISE)
     graph.push_back(readings.graph)
     found = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize()
     covariance = gtsam.Marginals(graph, found).marginalCovariance(WORLD)

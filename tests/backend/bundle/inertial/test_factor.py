@@ -9,12 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from backend.bundle.factors import LOG_SCALE, MOUNT, SLOPE, WORLD_SIZE
+from backend.bundle.factors import LOG_SCALE, MOUNT, SLOPE, WORLD, WORLD_SIZE
 from backend.bundle.inertial.factor import (
     ARM,
     DELAY,
     GAINS,
     GYRO_GAINS,
+    IMU,
     IMU_SIZE,
     IntervalKeys,
     gain_effect,
@@ -26,8 +27,10 @@ from backend.preintegration.intervals import STATE_SIZE, chains, preintegrate
 from tests.backend.made_floor import NADIR
 from tests.backend.made_motion import fly
 
-KEYS = IntervalKeys(0, 1, 2, 3, 4, 5, 6, 7)
-SIZES = (6, 3, 6, 3, 6, 6, WORLD_SIZE, IMU_SIZE)
+OF_INTERVAL = range(6)
+KEYS = IntervalKeys(*OF_INTERVAL)
+SIZES = {0: 6, 1: 3, 2: 6, 3: 3, 4: 6, 5: 6, WORLD: WORLD_SIZE, IMU: IMU_SIZE}
+"""Size of each variable by its key."""
 SEEDS = st.integers(0, 2**32 - 1)
 MODEL = gtsam.noiseModel.Unit.Create(STATE_SIZE)
 NOISE = InertialNoise(gyro_walk=1e-3, accel_walk=1e-2)
@@ -78,8 +81,8 @@ def true_values(flight, world: np.ndarray, imu: np.ndarray, ends_s: np.ndarray, 
         values.insert(2 * k, camera_pose(T[k], world))
         values.insert(2 * k + 1, velocity[k])
         values.insert(4 + k, gtsam.imuBias.ConstantBias())
-    values.insert(6, world)
-    values.insert(7, imu)
+    values.insert(WORLD, world)
+    values.insert(IMU, imu)
     return values
 
 
@@ -116,8 +119,8 @@ def drawn_factor(seed: int) -> tuple[gtsam.CustomFactor, gtsam.Values]:
     by_gain = gains_of(flight, np.array([0.0, 0.4]))
     factor = inertial_factor(interval, interval.whitening(1.0, 1.0), by_gain, KEYS, NADIR, MODEL)
     values = true_values(flight, drawn_world(rng), imu, np.array([0.0, 0.4]), 0.0)
-    for key, size in enumerate(SIZES[:6]):
-        values = moved(values, key, rng.normal(0, 0.02, size))
+    for key in OF_INTERVAL:
+        values = moved(values, key, rng.normal(0, 0.02, SIZES[key]))
     return factor, values
 
 
@@ -126,10 +129,9 @@ def drawn_factor(seed: int) -> tuple[gtsam.CustomFactor, gtsam.Values]:
 def test_its_jacobians_are_those_of_differences(seed):
     factor, values = drawn_factor(seed)
     linear, _ = factor.linearize(values).jacobian()
-    at = np.cumsum([0, *SIZES])
-    for key, size in enumerate(SIZES):
+    each = np.split(linear, np.cumsum([*SIZES.values()])[:-1], axis=1)
+    for (key, size), found in zip(SIZES.items(), each, strict=True):
         expected = numeric(factor, values, key, size)
-        found = linear[:, at[key] : at[key + 1]]
         assert np.abs(found - expected).max() < 1e-4 * max(1.0, np.abs(expected).max())
 
 
@@ -143,8 +145,8 @@ def test_the_error_is_that_of_gtsam_on_metric_states(seed):
     factor = inertial_factor(interval, np.eye(STATE_SIZE), gains_of(flight, ends_s), KEYS, NADIR, MODEL)
     world = drawn_world(rng)
     values = true_values(flight, world, np.zeros(IMU_SIZE), np.array([0.0, 0.4]), 0.0)
-    for key, size in enumerate(SIZES[:6]):
-        values = moved(values, key, rng.normal(0, 0.05, size))
+    for key in OF_INTERVAL:
+        values = moved(values, key, rng.normal(0, 0.05, SIZES[key]))
     transform = WorldTransform(world, NADIR)
     bodies = [transform.body_pose(values.atPose3(key)) for key in (0, 2)]
     biases = [values.atConstantBias(key) for key in (4, 5)]

@@ -11,13 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from backend.bundle.factors import SLOPE, WORLD_SIZE
+from backend.bundle.factors import SLOPE, WORLD, WORLD_SIZE
 from backend.bundle.reported.factor import (
     BIAS,
     CONSTANTS_SIZE,
     DRIFT,
     GAINS,
     LAG,
+    REPORTED,
     IntervalNoise,
     ReportedKeys,
     reported_factor,
@@ -29,8 +30,9 @@ from tests.backend.bundle.reported.made_reported import NOISE, Errors, report
 from tests.backend.made_floor import NADIR
 from tests.backend.made_motion import fly
 
-KEYS = ReportedKeys(0, 1, 2, 3, 4, 5)
-SIZES = (6, 6, 3, 3, WORLD_SIZE, CONSTANTS_SIZE)
+KEYS = ReportedKeys(0, 1, 2, 3)
+SIZES = {0: 6, 1: 6, 2: 3, 3: 3, WORLD: WORLD_SIZE, REPORTED: CONSTANTS_SIZE}
+"""Size of each variable by its key."""
 MODEL = gtsam.noiseModel.Unit.Create(3)
 PLAIN = IntervalNoise(np.eye(3), np.zeros(3))
 
@@ -40,14 +42,14 @@ def true_values(flight, world, constants, ends_s) -> gtsam.Values:
     for k, T in enumerate(flight.w_T_b(ends_s)):
         values.insert(k, camera_pose(T, world))
         values.insert(2 + k, np.zeros(3))
-    values.insert(4, world)
-    values.insert(5, constants)
+    values.insert(WORLD, world)
+    values.insert(REPORTED, constants)
     return values
 
 
 def moved(values: gtsam.Values, key: int, step: np.ndarray) -> gtsam.Values:
     out = gtsam.Values(values)
-    if key < 2:
+    if key in (0, 1):
         out.update(key, values.atPose3(key).retract(step))
     else:
         out.update(key, values.atVector(key) + step)
@@ -63,13 +65,13 @@ def test_its_jacobians_are_those_of_differences(seed):
     constants = np.array([1.1, 0.9, 0.1, -0.2, 0.05, 0.1])
     factor = reported_factor(interval, IntervalNoise.of(interval, NOISE), KEYS, NADIR, 3, MODEL)
     values = true_values(flight, drawn_world(rng), constants, ends_s)
-    for key, size in enumerate(SIZES[:4]):
-        values = moved(values, key, rng.normal(0, 0.1, size))
+    for key in (0, 1, 2, 3):
+        values = moved(values, key, rng.normal(0, 0.1, SIZES[key]))
     linear, _ = factor.linearize(values).jacobian()
     columns = [
         (factor.unwhitenedError(moved(values, key, step)) - factor.unwhitenedError(moved(values, key, -step)))
         / 2e-6
-        for key, size in enumerate(SIZES)
+        for key, size in SIZES.items()
         for step in 1e-6 * np.eye(size)
     ]
     expected = np.column_stack(columns)

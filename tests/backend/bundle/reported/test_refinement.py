@@ -11,8 +11,7 @@ from backend.bundle.accuracy.information_shares import information_shares
 from backend.bundle.accuracy.systematic_errors import error_test
 from backend.bundle.accuracy.systematic_terms import LENS_KINDS
 from backend.bundle.refinement import Bundle, refine
-from backend.bundle.reported.factor import BIAS, GAINS
-from backend.bundle.reported.graph import REPORTED
+from backend.bundle.reported.factor import BIAS, GAINS, REPORTED
 from backend.bundle.reported.verdict import reported_damage
 from backend.quantiles import chi_square_limit
 from tests.backend.bundle.inertial.made_inertial import InertialScene, MadeInertial
