@@ -7,17 +7,26 @@ import io
 import json
 import re
 import tomllib
-from dataclasses import asdict
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
 from PIL import Image
 from typer.main import get_command
 
+from backend.bundle.accuracy import systematic_errors
+from backend.pose_graph.certificate import Certificate
+from backend.pose_graph.solution import RangeErrors, RowMistake
+from frontend.obstacles import ObstacleList
 from slam.cli import app
 from slam.cli.output_folder import EVALUATE_NAMES, OPTIMIZE_NAMES
+from slam.core.control_points import PointResidual
+from slam.core.estimate import GroundFacts
+from slam.core.instrument_errors import InstrumentErrors
 from slam.core.summary import summarise
+from slam.criticism import Criticism
 from slam.evaluation import evaluate
 from slam.io.csv_header import header_of
 from slam.io.estimate_arrays import SHAPES
@@ -191,6 +200,33 @@ def test_every_key_and_array_is_explained():
     arrays = {*SHAPES, "record"}
     for word in keys(summary) | keys(evaluation) | arrays:
         assert f"`{word}`" in text, word
+
+
+def records(hint: object) -> set[type]:
+    """All dataclasses in a type, and in those of their fields."""
+    found = {hint} if is_dataclass(hint) else set()
+    types = get_type_hints(hint, localns=vars(systematic_errors)).values() if found else get_args(hint)
+    return found.union(*map(records, types))
+
+
+def test_every_field_of_a_record_in_the_summary_stands_in_its_row():
+    rows = {}
+    for names, text in re.findall(
+        r"^\| ((?:`\w+`(?:, )?)+) \|(.*)$", page("docs/output-files.md"), re.MULTILINE
+    ):
+        rows |= dict.fromkeys(re.findall(r"`(\w+)`", names), text)
+    types = get_type_hints(InstrumentErrors, localns=vars(systematic_errors)) | {
+        "height_sensor": RangeErrors, "ground": GroundFacts, "obstacles": ObstacleList,
+        "control_points": PointResidual, "row_mistakes": RowMistake, "certificate": Certificate,
+    }  # fmt: skip
+    told = [(key, f.name) for key, hint in types.items() for of in records(hint) for f in fields(of)]
+    assert len(told) > 80
+    assert [(key, name) for key, name in told if f"`{name}`" not in rows[key]] == []
+
+
+def test_every_key_of_a_verdict_stands_in_its_table():
+    told = set(re.findall(r"`(\w+)`", page("docs/criticism.md")))
+    assert {*Criticism("nothing_wrong").to_json(), "map"} <= told
 
 
 def test_every_stream_and_key_of_a_flight_is_explained():

@@ -24,11 +24,12 @@ _MODEL = typer.Option(
     metavar="MODEL", help="The model to criticise: a name (nominal, paper) or a .toml file."
 )
 MAX_PICTURES_BY_DEFAULT = 500
-"""Flights with no more pictures are mapped without ``--map``, which takes about a minute on two cores."""
+"""The shortest flights are mapped without ``--map``, with no more pictures together: about a minute on two
+cores."""
 _MAPS = typer.Option(
     "--map/--no-map",
     help="If instruments have errors: map the flights with pictures and truth with and without them. "
-    f"Default: only if the flights have at most {MAX_PICTURES_BY_DEFAULT} pictures together.",
+    f"Default: the shortest of these, with at most {MAX_PICTURES_BY_DEFAULT} pictures together.",
     show_default=False,
 )
 

@@ -23,7 +23,7 @@ _RATE = typer.Option("--rate", metavar="HZ", min=0.01, max=2000, help="Poses per
 _WITHOUT = typer.Option(
     "--without",
     metavar="STREAM",
-    help="A stream to leave out, for a comparison with it (gps0); can be repeated.",
+    help="A stream to leave out, such as gps0, for a comparison with it. Can be repeated.",
 )
 _CONFIG = typer.Option(metavar="FILE.toml", help="Settings; those of \\[inertial] count here.")
 

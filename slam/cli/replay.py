@@ -13,8 +13,12 @@ if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
     from slam.simulation.replay import Replay
 
-_FLIGHT = typer.Argument(metavar="FLIGHT", help="A flight folder with commands.", show_default=False)
-_MODEL = typer.Option("--model", metavar="MODEL", help="nominal, paper, or a .toml file.")
+_FLIGHT = typer.Argument(
+    metavar="FLIGHT", help="A flight folder or a recording, with commands.", show_default=False
+)
+_MODEL = typer.Option(
+    "--model", metavar="MODEL", help="The model to compare with: a name (nominal, paper) or a .toml file."
+)
 
 
 def replay(
