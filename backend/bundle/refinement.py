@@ -47,7 +47,7 @@ from backend.bundle.graph import (
     start_variables,
 )
 from backend.bundle.inertial.graph import InertialPart
-from backend.bundle.inertial.noise import start_factors
+from backend.bundle.inertial_noise import start_factors
 from backend.bundle.lens import LensEstimate, prior_covariance, start_numbers
 from backend.bundle.metric_poses import (
     metric_jacobians,
@@ -134,6 +134,12 @@ class Bundle:
     def uses_reported_motion(self) -> bool:
         """Whether velocity and turns that the vehicle reports are in the graph."""
         return self.optimum.problem.reported is not None
+
+    @property
+    def reported_damage(self) -> str:
+        """Reason why the reported motion cannot be right, in words; empty if it can be, or without any."""
+        part = self.optimum.problem.reported
+        return "" if part is None else part.damage(self.optimum.values, self.optimum.transform)
 
 
 def refine(

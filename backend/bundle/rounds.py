@@ -14,7 +14,7 @@ from backend.bundle.factors import LOG_SCALE, SLOPE, WORLD
 from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, start_calibration
 from backend.bundle.ground_below import over_ground
 from backend.bundle.inertial.graph import without_unused
-from backend.bundle.inertial.noise import estimate_inertial_noise
+from backend.bundle.inertial_noise import estimate_inertial_noise
 from backend.bundle.lens import is_uncertain
 from backend.bundle.minimise import COARSE, FINE, BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import TOLERANCE, estimate_noise, same_noise

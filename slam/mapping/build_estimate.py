@@ -193,7 +193,7 @@ def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, 
     if map_.bundle is None:
         return None, [], False
     try:
-        tested = error_test(map_.bundle)
+        tested = error_test(map_.bundle.optimum, map_.bundle.covariances)
         is_assumed = gps is not None and gps.antenna_assumed
         line = unknown_antenna_warning(map_.bundle, tested) if tested and is_assumed else None
         lines = [each for each in (line, antenna_height_note(map_.bundle)) if each]

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from backend.bundle.accuracy.systematic_terms import Kind, added_columns
 from backend.bundle.factors import WORLD
 from backend.bundle.metric_poses import metric_jacobians
+from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reduced_system import columns_at_once
-from backend.bundle.refinement import Bundle
 from backend.bundle.residual_spread import autocorrelated_std
 from backend.errors import BackendError
 from backend.quantiles import f_tail
@@ -75,48 +75,41 @@ class ErrorTest:
     """Probability of the score of each of these kinds by chance, each tested alone."""
 
 
-def systematic_errors(bundle: Bundle) -> SystematicErrors | None:
-    """Return the errors that the residuals show beyond chance; None without any or without covariances.
-
-    Raises ``BackendError`` where the equations are singular, so that nothing can be tested.
-    """
-    tested = error_test(bundle)
-    return None if tested is None else tested.errors
-
-
-def error_test(bundle: Bundle) -> ErrorTest | None:
+def error_test(optimum: BundleOptimum, covariances: Array) -> ErrorTest | None:
     """Return the errors beyond chance, and which ones would be seen; None without covariances.
 
+    ``covariances`` (n, 6, 6) are those of the metric poses.
+
     Raises ``BackendError`` where the equations are singular, so that nothing can be tested.
     """
-    known = np.isfinite(bundle.covariances).all(axis=(1, 2))
+    known = np.isfinite(covariances).all(axis=(1, 2))
     if not known.any():
         return None
     try:
-        scores, moved = _eliminate(bundle)
+        scores, moved = _eliminate(optimum)
     except SingularMatrixError:
         raise BackendError("the equations of the refinement are singular by rounding") from None
     detectable = {kind: scores.largest_std(kind) for kind in scores.columns}
     p_values = {kind: scores.test([kind], ()).p_value for kind in scores.columns}
     found, alternatives = scores.search()
-    errors = _errors(bundle, scores, moved, found, alternatives) if found else None
+    errors = _errors(covariances, scores, moved, found, alternatives) if found else None
     return ErrorTest(errors, detectable, p_values)
 
 
 def _errors(
-    bundle: Bundle,
+    covariances: Array,
     scores: _Scores,
     moved: Mapping[Kind, Array],
     found: tuple[Kind, ...],
     alternatives: tuple[Kind, ...],
 ) -> SystematicErrors:
     """Return the sizes of the errors ``found``, and by how much they displace the poses."""
-    known = np.isfinite(bundle.covariances).all(axis=(1, 2))
+    known = np.isfinite(covariances).all(axis=(1, 2))
     fit = scores.test(found, ())
     by_pose = np.concatenate([moved[kind] for kind in found], axis=2)[known]
     excess, shift, tilt = (
         _mean_square(fit, by_pose, weight)
-        for weight in (np.linalg.pinv(bundle.covariances[known], hermitian=True) / 6, _POSITION, _ATTITUDE)
+        for weight in (np.linalg.pinv(covariances[known], hermitian=True) / 6, _POSITION, _ATTITUDE)
     )
     each = {kind: scores.test([kind], [other for other in found if other != kind]) for kind in found}
     return SystematicErrors(
@@ -214,10 +207,8 @@ class _Scores:
         return self.test([kind], [other for other in given if other != kind]).p_value
 
 
-def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
+def _eliminate(optimum: BundleOptimum) -> tuple[_Scores, Mapping[Kind, Array]]:
     """Return the scores, and the displacements (n, 6, c) of metric poses by a unit of each coefficient."""
-    optimum = bundle.optimum
-    problem, values = optimum.problem, optimum.values
     jacobian, left, reduced = optimum.eliminated()
 
     def absorbed_by_fit(column: Array) -> tuple[Array, Array]:
@@ -227,7 +218,7 @@ def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
         return jacobian @ np.vstack([by_pose, by_point]), by_pose
 
     added = added_columns(optimum, jacobian)
-    to_metres = metric_jacobians(problem, values)
+    to_metres = metric_jacobians(optimum.problem, optimum.values)
     n = len(to_metres)
     columns: dict[Kind, Array] = {}
     moved: dict[Kind, Array] = {}

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from backend.bundle.barometer import height_gain, read_and_mapped
 from backend.bundle.graph import BundleConfig, ScalePrior
 from backend.bundle.refinement import Bundle, refine
-from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
 from backend.measurements import AlignedPair, BarometerHeight, FloorTracks, Measurements, ReportedMotion
 from backend.significance import SIGMAS_OF_SEVERAL
@@ -87,7 +86,7 @@ def scaled_by_velocity(
     def fault(found: Bundle) -> str:
         if not found.uses_reported_motion:
             return _NOT_COVERED
-        if damage := reported_damage(found.optimum):
+        if damage := found.reported_damage:
             return damage
         return "" if _tells_lengths(found) else "the flight is too short or too slow for its noise"
 

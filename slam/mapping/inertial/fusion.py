@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from backend import se3
 from backend.bundle.information import Information
 from backend.bundle.refinement import Bundle, refine
-from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose, ReportedMotion
 from backend.quantiles import chi_square_limit
@@ -191,7 +190,7 @@ def _damage(parts: Map, members: NDArray[np.int64], bundle: Bundle) -> str:
     if moved and max(moved) > chi_square_limit(FALSE_ALARM / len(moved), 6):
         return "it would bend the map by more than the errors of the pictures"
     damage = inertial.damage(optimum.values, bundle.noise.inertial) if inertial is not None else ""
-    return damage or reported_damage(optimum)
+    return damage or bundle.reported_damage
 
 
 def _from_first(before: Array, after: Array) -> Array:

@@ -30,7 +30,7 @@ def bundle() -> Bundle:
         lambda bundle: metric_point_stds(bundle.optimum),
         lambda bundle: information_shares(bundle.optimum),
         lambda bundle: position_step(bundle.optimum),
-        error_test,
+        lambda bundle: error_test(bundle.optimum, bundle.covariances),
     ],
     ids=["points", "shares", "steps", "errors"],
 )

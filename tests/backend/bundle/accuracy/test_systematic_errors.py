@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from backend.bundle.accuracy.systematic_errors import _eliminate, systematic_errors
+from backend.bundle.accuracy.systematic_errors import SystematicErrors, _eliminate, error_test
 from backend.bundle.accuracy.systematic_terms import LENS_KINDS, lens_displacement
 from backend.bundle.reduced_system import columns_at_once
 from backend.bundle.refinement import Bundle, refine
@@ -44,6 +44,11 @@ def solved(made: Made, **camera: object) -> Bundle:
     return refine(measurements, made.start, made.floor_z_m)
 
 
+def systematic_errors(bundle: Bundle) -> SystematicErrors | None:
+    tested = error_test(bundle.optimum, bundle.covariances)
+    return None if tested is None else tested.errors
+
+
 @pytest.mark.parametrize(
     ("name", "seeds"),
     [
@@ -58,7 +63,7 @@ def test_no_error_is_found_where_there_is_none(name: str, seeds: int) -> None:
     for seed in range(seeds):
         bundle = solved(make(SCENES[name], seed))
         assert systematic_errors(bundle) is None
-        scores, _ = _eliminate(bundle)
+        scores, _ = _eliminate(bundle.optimum)
         p_values += [scores.test([kind], []).p_value for kind in LENS_KINDS]
     low = np.sum(np.array(p_values) < 0.05)
     assert low <= binom.ppf(0.999, len(p_values), 0.05)
@@ -168,13 +173,13 @@ def test_covariances_that_are_not_known_leave_nothing_to_compare() -> None:
 
 def test_draws_of_large_maps_are_solved_for_a_few_at_a_time_and_are_the_same(monkeypatch):
     bundle = solved(make(SCENES["few pictures"], 0))
-    at_once = _eliminate(bundle)[0].white
+    at_once = _eliminate(bundle.optimum)[0].white
     monkeypatch.setattr("backend.bundle.reduced_system.MOST_NUMBERS", 3 * len(at_once))
     assert columns_at_once(len(at_once), 16) == 3
-    np.testing.assert_allclose(_eliminate(bundle)[0].white, at_once, atol=1e-9)
+    np.testing.assert_allclose(_eliminate(bundle.optimum)[0].white, at_once, atol=1e-9)
 
 
 def test_a_test_needs_less_memory_than_the_draws():
-    scores = _eliminate(solved(make(SCENES["few pictures"], 0)))[0]
+    scores = _eliminate(solved(make(SCENES["few pictures"], 0)).optimum)[0]
     kind = next(iter(scores.columns))
     assert peak_bytes(lambda: scores.test([kind], ())) < scores.white.nbytes

@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import X as POSE
 
 from backend.bundle.factors import LOG_SCALE, WORLD_SIZE
 from backend.bundle.inertial.graph import InertialPart
-from backend.bundle.inertial.noise import estimate_inertial_noise
+from backend.bundle.inertial_noise import estimate_inertial_noise
 from backend.bundle.refinement import refine
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError

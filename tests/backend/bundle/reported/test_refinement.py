@@ -12,7 +12,6 @@ from backend.bundle.accuracy.systematic_errors import error_test
 from backend.bundle.accuracy.systematic_terms import LENS_KINDS
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.factor import BIAS, GAINS, REPORTED
-from backend.bundle.reported.verdict import reported_damage
 from backend.quantiles import chi_square_limit
 from tests.backend.bundle.inertial.made_inertial import InertialScene, MadeInertial
 from tests.backend.bundle.reported.made_reported import Errors, make_reported
@@ -35,7 +34,7 @@ def refined(made: MadeInertial, **changes) -> Bundle:
 
 def damage(bundle: Bundle) -> str:
     assert bundle.optimum.problem.reported is not None
-    return reported_damage(bundle.optimum)
+    return bundle.reported_damage
 
 
 @pytest.mark.slow
@@ -55,7 +54,8 @@ def test_reported_motion_is_no_position(tells_turns):
     reported = made.measurements.reported
     assert reported is not None
     assert not made.measurements.positions
-    tested = error_test(refined(made, reported=replace(reported, tells_turns=tells_turns)))
+    bundle = refined(made, reported=replace(reported, tells_turns=tells_turns))
+    tested = error_test(bundle.optimum, bundle.covariances)
     assert tested is not None
     assert set(tested.detectable) == set(LENS_KINDS)
 
