@@ -69,7 +69,8 @@ def forward(
     for k in range(first, last):
         kind, dt = events.kind[k], events.stamps_s[k] - now
         if dt > 0:
-            propagate(x, C, dt, inputs.model, work.F, work.moved)
+            point = linearization[k] if relinearized else x[:0]
+            propagate(x, C, dt, inputs.model, point, work.F, work.moved)
             now = events.stamps_s[k]
             if relinearized:
                 apply_transition(work.F, e, work.moved)

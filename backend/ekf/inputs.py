@@ -169,8 +169,10 @@ class InitialState:
     rate_std_rad_s: float = 2.0
     tilt_error_rad: float | None = None
     """Standard deviation of the initial error of the reported tilt; None: the stationary value."""
+    yaw_zero_rad: float = 0.0
+    """Zero of the reported yaw in the world: a first reading of it less the first heading. The reported tilt
+    lies in the axes that it gives, which must not be far off."""
     yaw_zero_std_rad: float = 1.0
-    """Standard deviation of the zero of the reported yaw in the world."""
     barometer_zero_std_m: float = 100.0
     range_scale: float = 0.0
     velocity_scale: tuple[float, float] = (0.0, 0.0)

@@ -7,6 +7,13 @@ whose error is a right perturbation in body axes, ``R = R_hat Exp(theta)``.
 Position, velocity and acceleration are those of the IMU: there alone the specific force needs no angular
 acceleration, which nothing measures.
 
+Position and velocity have axes of the world. The acceleration is kept as the specific force in body axes,
+which the accelerometer reads. No reading but a position or a yaw tells the heading. With an acceleration in
+axes of the world, its process noise would seem to tell it: the linearised smoother takes the noise that it
+has found as fixed in the world while the path turns, and each reading of the IMU adds information that does
+not exist (Huang, Mourikis and Roumeliotis 2010, "Observability-based rules for designing consistent EKF SLAM
+estimators").
+
 Acceleration and body rate are exponentially correlated (Singer 1970, "Estimating optimal tracking filter
 performance for manned maneuvering targets"): readings determine them, and across a gap they
 decay to zero while their variance returns to the stationary one.
@@ -22,27 +29,33 @@ from backend.ekf.rotations import (
     Array,
     Matrix,
     Vector,
+    added,
+    apply,
     compose,
     exponential,
     hat,
+    left_jacobian,
     logarithm,
+    multiply,
     quaternion,
     rotate,
     rotation,
     scaled,
+    transpose,
     vector,
     write,
 )
+from backend.measurements import GRAVITY_M_S2
 from backend.sparse_product import multiply_sparse
 
 (
     POS, VEL, ACC, ROT, RATE, ATTITUDE_ERROR, VEL_ERROR, GYRO_BIAS, ACCEL_BIAS, RANGE_SCALE, RANGE_BIAS,
     VEL_SCALE, BARO_ZERO, GPS_ZERO, CLONE_POS, CLONE_ROT, SIZE,
 ) = accumulate((0, 3, 3, 3, 3, 3, 3, 2, 3, 3, 1, 1, 2, 1, 1, 3, 3))  # fmt: skip
-"""Index of each part of the error state: position, velocity, acceleration (world), attitude, body rate, error
-of the reported attitude, correlated error of the velocity, gyro and accelerometer offset, scale and offset of
-the range, scale of the velocity, zero of the barometer, zero of the positions' height; the cloned pose; the
-dimension. Each number is the width of the part before it."""
+"""Index of each part of the error state: position, velocity (world), specific force, attitude, rate (body),
+error of the reported attitude, correlated error of the velocity, gyro and accelerometer offset, scale and
+offset of the range, scale of the velocity, zero of the barometer, zero of the positions' height; the cloned
+pose; the dimension. Each number is the width of the part before it."""
 MOVING = GYRO_BIAS
 """Number of the entries, from the first on, that change from moment to moment; the others are constants and
 random walks."""
@@ -134,15 +147,24 @@ def integrate_correlated(dt: float, std: float, tau: float) -> tuple[Vector, Mat
 
 
 @kernel
-def propagate(x: Array, C: Array, dt: float, model: Array, F: Array, work: Array) -> None:
+def propagate(x: Array, C: Array, dt: float, model: Array, point: Array, F: Array, work: Array) -> None:
     """Propagate state and covariance C (n, n) by dt, in place; F receives the transition of the moving part.
 
+    ``point`` (STATE,) is the state about which errors are linearised afterwards; empty: the propagated one.
     F is (MOVING, MOVING), ``work`` a buffer (MOVING, n).
     """
     a, qa = integrate_correlated(dt, model[ACCEL_STD], model[ACCEL_TAU])
     w, qw = integrate_correlated(dt, model[RATE_STD], model[RATE_TAU])
     tilt, flow = math.exp(-dt / model[TILT_TAU]), math.exp(-dt / model[FLOW_TAU])
-    v = scaled(w[1], vector(x[X_RATE:]))
+    turn, force, R = scaled(w[1], vector(x[X_RATE:])), vector(x[ACC:]), rotation(quaternion(x[X_ROT:]))
+    w_a, by_turn = added(apply(R, force), (0.0, 0.0, -GRAVITY_M_S2)), multiply(R, hat(force))
+    back, by_rate = rotation(exponential(scaled(-1.0, turn))), left_jacobian(scaled(-1.0, turn))
+    turned = scaled(a[2], apply(back, force))
+    rotate(x[X_ROT:], turn, x[X_ROT:])
+    ahead = rotation(quaternion(x[X_ROT:]))
+    to_point = transpose(rotation(quaternion(point[X_ROT:]))) if len(point) > 0 else transpose(ahead)
+    # The acceleration fades, and leaves the specific force of gravity.
+    faded = scaled((1 - a[2]) * GRAVITY_M_S2, ahead[2])
     F[:] = 0.0
     F[ATTITUDE_ERROR + 2, ATTITUDE_ERROR + 2] = 1.0
     for k in range(2):
@@ -150,43 +172,57 @@ def propagate(x: Array, C: Array, dt: float, model: Array, F: Array, work: Array
         x[X_ATTITUDE_ERROR + k] *= tilt
         x[X_VEL_ERROR + k] *= flow
     for k in range(3):
-        F[POS + k, POS + k], F[POS + k, VEL + k], F[POS + k, ACC + k] = 1.0, dt, a[0]
-        F[VEL + k, VEL + k], F[VEL + k, ACC + k] = 1.0, a[1]
-        F[ACC + k, ACC + k], F[RATE + k, RATE + k] = a[2], w[2]
-        x[POS + k] += dt * x[VEL + k] + a[0] * x[ACC + k]
-        x[VEL + k] += a[1] * x[ACC + k]
-        x[ACC + k] *= a[2]
+        F[POS + k, POS + k], F[POS + k, VEL + k] = 1.0, dt
+        F[VEL + k, VEL + k], F[RATE + k, RATE + k] = 1.0, w[2]
+        x[POS + k] += dt * x[VEL + k] + a[0] * w_a[k]
+        x[VEL + k] += a[1] * w_a[k]
+        x[ACC + k] = turned[k] + faded[k]
         x[X_RATE + k] *= w[2]
-    write(rotation(exponential(scaled(-1.0, v))), 1.0, F[ROT:, ROT:])
-    write(hat(v), -0.5 * w[1], F[ROT:, RATE:])
-    for k in range(3):
-        F[ROT + k, RATE + k] += w[1]
-    rotate(x[X_ROT:], v, x[X_ROT:])
+    write(R, a[0], F[POS:, ACC:])
+    write(by_turn, -a[0], F[POS:, ROT:])
+    write(R, a[1], F[VEL:, ACC:])
+    write(by_turn, -a[1], F[VEL:, ROT:])
+    write(back, a[2], F[ACC:, ACC:])
+    write(multiply(hat(faded), back), 1.0, F[ACC:, ROT:])
+    write(multiply(hat(added(turned, faded)), by_rate), w[1], F[ACC:, RATE:])
+    # A turn of the whole path about the vertical stays one: it is no error of a single step.
+    write(multiply(to_point, R), 1.0, F[ROT:, ROT:])
+    write(multiply(multiply(to_point, ahead), by_rate), w[1], F[ROT:, RATE:])
     transform_covariance(F, C, work)
+    _add_noise(C, dt, qa, qw, ahead, model)
+    for k in range(2):
+        C[ATTITUDE_ERROR + k, ATTITUDE_ERROR + k] += model[TILT_STD] * model[TILT_STD] * (1 - tilt * tilt)
+        C[VEL_ERROR + k, VEL_ERROR + k] += model[FLOW_STD] * model[FLOW_STD] * (1 - flow * flow)
+
+
+@inner_kernel
+def _add_noise(C: Array, dt: float, qa: Matrix, qw: Matrix, R: Matrix, model: Array) -> None:
+    """Add what dt adds to the covariance of motion, biases and random walks; R is the attitude after it."""
+    _add_symmetric(C, POS, ACC, qa[0][2], R)
+    _add_symmetric(C, VEL, ACC, qa[1][2], R)
     for k in range(3):
-        _add_chain(C, qa, POS + k, VEL + k, ACC + k)
+        C[POS + k, POS + k] += qa[0][0]
+        C[VEL + k, VEL + k] += qa[1][1]
+        C[ACC + k, ACC + k] += qa[2][2]
+        C[POS + k, VEL + k] += qa[0][1]
+        C[VEL + k, POS + k] += qa[0][1]
         C[ROT + k, ROT + k] += qw[1][1]
         C[ROT + k, RATE + k] += qw[1][2]
         C[RATE + k, ROT + k] += qw[1][2]
         C[RATE + k, RATE + k] += qw[2][2]
         C[GYRO_BIAS + k, GYRO_BIAS + k] += model[GYRO_WALK] * model[GYRO_WALK] * dt
         C[ACCEL_BIAS + k, ACCEL_BIAS + k] += model[BIAS_WALK] * model[BIAS_WALK] * dt
-    for k in range(2):
-        C[ATTITUDE_ERROR + k, ATTITUDE_ERROR + k] += model[TILT_STD] * model[TILT_STD] * (1 - tilt * tilt)
-        C[VEL_ERROR + k, VEL_ERROR + k] += model[FLOW_STD] * model[FLOW_STD] * (1 - flow * flow)
     C[ATTITUDE_ERROR + 2, ATTITUDE_ERROR + 2] += model[YAW_WALK] * model[YAW_WALK] * dt
     C[BARO_ZERO, BARO_ZERO] += model[BARO_WALK] * model[BARO_WALK] * dt
 
 
 @inner_kernel
-def _add_chain(C: Array, q: Matrix, i: int, j: int, k: int) -> None:
-    """Add the covariance of a signal's two integrals and itself, which are the entries i, j and k."""
-    C[i, i] += q[0][0]
-    C[j, j] += q[1][1]
-    C[k, k] += q[2][2]
-    C[i, j], C[j, i] = C[i, j] + q[0][1], C[j, i] + q[0][1]
-    C[i, k], C[k, i] = C[i, k] + q[0][2], C[k, i] + q[0][2]
-    C[j, k], C[k, j] = C[j, k] + q[1][2], C[k, j] + q[1][2]
+def _add_symmetric(C: Array, i: int, j: int, scale: float, A: Matrix) -> None:
+    """Add a matrix (3, 3) times a scale to the covariance of the entries from i and those from j on."""
+    for r in range(3):
+        for c in range(3):
+            C[i + r, j + c] += scale * A[r][c]
+            C[j + c, i + r] += scale * A[r][c]
 
 
 @kernel

@@ -66,7 +66,6 @@ from backend.ekf.rotations import (
     write,
     write_row,
 )
-from backend.measurements import GRAVITY_M_S2
 
 (PROPAGATE, GYRO, ACCEL, ATTITUDE, RANGE, VELOCITY, POSITION, BAROMETER, REST, STILL, STEP, OUTPUT, CLONE) = (
     range(13)
@@ -98,7 +97,8 @@ def predict(kind: int, x: Array, value: Array, model: Array, z: Array, H: Array)
     H[:] = 0.0
     z[:] = 0.0
     if kind == ACCEL:
-        _specific_force(x, z, H)
+        _add_states(x[ACC:], z, H[:, ACC:])
+        _add_states(x[X_ACCEL_BIAS:], z, H[:, ACCEL_BIAS:])
     elif kind == ATTITUDE:
         return _attitude(x, value, z, H)
     elif kind == RANGE:
@@ -138,17 +138,6 @@ def _add_states(x: Array, z: Array, H: Array) -> None:
 
 
 @inner_kernel
-def _specific_force(x: Array, z: Array, H: Array) -> None:
-    """Predict the specific force: ``R' (a + g) + offset``."""
-    to_body = transpose(rotation(quaternion(x[X_ROT:])))
-    force = apply(to_body, (x[ACC], x[ACC + 1], x[ACC + 2] + GRAVITY_M_S2))
-    z[0], z[1], z[2] = force
-    write(to_body, 1.0, H[:, ACC:])
-    write(hat(force), 1.0, H[:, ROT:])
-    _add_states(x[X_ACCEL_BIAS:], z, H[:, ACCEL_BIAS:])
-
-
-@inner_kernel
 def angles(R: Matrix) -> Vector:
     """Return roll, pitch, yaw of ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
     pitch = math.asin(min(max(-R[2][0], -1.0), 1.0))
@@ -165,26 +154,29 @@ def angle_rates(R: Matrix) -> Matrix:
 
 @inner_kernel
 def _attitude(x: Array, value: Array, z: Array, H: Array) -> bool:
-    """Predict roll, pitch, yaw of ``Rz(yaw error) Exp(tilt error) R``, yaw within half a turn of the reading.
+    """Predict roll, pitch, yaw of ``Exp(tilt error) Rz(yaw error) R``, yaw within half a turn of the reading.
 
     The error of an attitude that is integrated from body rates is constant in world axes, not in body axes.
-    It is observable when the vehicle turns, and when a wrong tilt converts body rate to yaw rate.
+    It is observable when the vehicle turns, and when a wrong tilt converts body rate to yaw rate. The axes
+    are those of the vehicle's own world, so that its tilt error does not seem to tell its yaw error.
     """
     R = rotation(quaternion(x[X_ROT:]))
     if R[2][1] * R[2][1] + R[2][2] * R[2][2] < _MIN_COSINE * _MIN_COSINE:
         return False
     tilt = x[X_ATTITUDE_ERROR], x[X_ATTITUDE_ERROR + 1], 0.0
-    own = multiply(rotation(exponential(tilt)), R)
+    tilted = rotation(exponential(tilt))
+    own = multiply(tilted, multiply(rotation(exponential((0.0, 0.0, x[X_ATTITUDE_ERROR + 2]))), R))
     z[0], z[1], z[2] = angles(own)
-    z[2] += x[X_ATTITUDE_ERROR + 2]
     for k in (0, 2):
         if math.isfinite(value[k]):
             z[k] += 2 * math.pi * math.floor((value[k] - z[k]) / (2 * math.pi) + 0.5)
     rates = angle_rates(own)
     write(rates, 1.0, H[:, ROT:])
+    by_world = multiply(rates, transpose(own))
     # The third column is that of the yaw error, which follows.
-    write(multiply(multiply(rates, transpose(own)), left_jacobian(tilt)), 1.0, H[:, ATTITUDE_ERROR:])
-    H[0, ATTITUDE_ERROR + 2], H[1, ATTITUDE_ERROR + 2], H[2, ATTITUDE_ERROR + 2] = 0.0, 0.0, 1.0
+    write(multiply(by_world, left_jacobian(tilt)), 1.0, H[:, ATTITUDE_ERROR:])
+    by_yaw = apply(by_world, (tilted[0][2], tilted[1][2], tilted[2][2]))
+    H[0, ATTITUDE_ERROR + 2], H[1, ATTITUDE_ERROR + 2], H[2, ATTITUDE_ERROR + 2] = by_yaw
     return True
 
 

@@ -13,6 +13,7 @@ from backend.ekf import motion as at
 from backend.ekf import readings as kinds
 from backend.ekf.inputs import FilterModel
 from backend.ekf.records import USED, FilterEvents, InnovationLog, StateRecords
+from backend.measurements import GRAVITY_M_S2
 from backend.quantiles import chi_square_limit
 
 Array = NDArray[np.float64]
@@ -142,11 +143,14 @@ def build_states(found: StateRecords, model: FilterModel, clone: bool) -> States
 
 def _of_origin(found: StateRecords, lever_m: Array) -> tuple[Array, Array]:
     """Return nominal states (n, STATE) and covariances (n, r, r) of the body's origin, ``lever_m`` (3,) from
-    the IMU in body axes."""
+    the IMU in body axes. The specific force becomes the acceleration of the IMU, in axes of the world."""
     x = found.x.copy()
     J = np.tile(np.eye(len(found.rows)), (len(x), 1, 1))
     R, across = _rotations(x[:, at.X_ROT : at.X_RATE]), se3.cross_matrix(lever_m)
     around = np.cross(x[:, at.X_RATE : at.X_ATTITUDE_ERROR], lever_m)
+    J[:, at.ACC : at.ROT, at.ACC : at.ROT] = R
+    J[:, at.ACC : at.ROT, at.ROT : at.RATE] = -R @ se3.cross_matrix(x[:, at.ACC : at.ROT])
+    x[:, at.ACC : at.ROT] = np.einsum("nab,nb->na", R, x[:, at.ACC : at.ROT]) - [0.0, 0.0, GRAVITY_M_S2]
     x[:, :3] += R @ lever_m
     x[:, at.VEL : at.ACC] += np.einsum("nab,nb->na", R, around)
     J[:, : at.VEL, at.ROT : at.RATE] = J[:, at.VEL : at.ACC, at.RATE : at.ATTITUDE_ERROR] = -R @ across
@@ -155,7 +159,8 @@ def _of_origin(found: StateRecords, lever_m: Array) -> tuple[Array, Array]:
         clone = _rotations(x[:, at.X_CLONE_ROT : at.STATE])
         x[:, at.X_CLONE_POS : at.X_CLONE_ROT] += clone @ lever_m
         J[:, _MOTION : _MOTION + 3, _MOTION + 3 :] = -clone @ across
-    return x, J @ found.C @ J.transpose(0, 2, 1)
+    C = J @ found.C @ J.transpose(0, 2, 1)
+    return x, 0.5 * (C + C.transpose(0, 2, 1))  # exactly symmetric
 
 
 def _from_clone(x: Array, C: Array, w_R_b: Array) -> tuple[Array, Array, Array]:

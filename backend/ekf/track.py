@@ -42,6 +42,7 @@ from backend.ekf.records import (
 )
 from backend.ekf.results import Track, build_channels, build_states
 from backend.errors import BackendError
+from backend.measurements import GRAVITY_M_S2
 from backend.quantiles import chi_square_limit
 
 Array = NDArray[np.float64]
@@ -121,7 +122,7 @@ class _SmootherRound:
         component, step = (chi_square_limit(model.gate_probability, dof) for dof in (1, 6))
         gates = Gates(component, step, float(model.patience_s))
         self.inputs = FilterInputs(events, linearization, _model_vector(model), gates)
-        self.start = _initial_state(start, model, size)
+        self.start = _initial_state(start, model, size, linearization)
         self.log, self.size, self.work = log, size, _buffers(size)
 
     def ahead(self, found: StateRecords) -> list[_Block]:
@@ -234,8 +235,13 @@ def _model_vector(model: FilterModel) -> Array:
     return np.concatenate([figures, (np.array(places_m) - model.b_p_imu_m).ravel()])
 
 
-def _initial_state(start: InitialState, model: FilterModel, size: int) -> FilterState:
-    """Return the filter's state at the first event."""
+def _initial_state(start: InitialState, model: FilterModel, size: int, linearization: Array) -> FilterState:
+    """Return the filter's state at the first event.
+
+    ``linearization`` (n, STATE) are the points of the round, none in the first. The heading is uncertain
+    about the vertical in body axes there: in those of a start that leans otherwise, it would be tied to the
+    lean, which the readings tell far better.
+    """
     x, std = np.zeros(at.STATE), np.zeros(size)
     x[:3] = [*start.place_m, start.height_m]
     x[at.VEL : at.ACC] = start.w_v_m_s
@@ -249,6 +255,7 @@ def _initial_state(start: InitialState, model: FilterModel, size: int) -> Filter
     std[at.ACCEL_BIAS : at.RANGE_SCALE] = model.accel_offset_m_s2
     tilt_error = model.tilt_error_rad if start.tilt_error_rad is None else start.tilt_error_rad
     std[at.ATTITUDE_ERROR : at.VEL_ERROR] = [tilt_error, tilt_error, start.yaw_zero_std_rad]
+    x[at.X_ATTITUDE_ERROR + 2] = start.yaw_zero_rad
     x[at.X_RANGE_SCALE], x[at.X_VEL_SCALE : at.X_BARO_ZERO] = start.range_scale, start.velocity_scale
     std[at.RANGE_SCALE], std[at.RANGE_BIAS] = model.range_scale, model.range_offset_m
     std[at.VEL_SCALE : at.BARO_ZERO] = model.velocity_scale
@@ -257,9 +264,13 @@ def _initial_state(start: InitialState, model: FilterModel, size: int) -> Filter
     C = np.diag(std**2)
     R = turn.as_matrix()
     about_world = np.array([start.tilt_std_rad, start.tilt_std_rad, start.yaw_std_rad]) ** 2
-    C[at.ROT : at.RATE, at.ROT : at.RATE] = R.T @ np.diag(about_world) @ R
+    first = x if len(linearization) == 0 else linearization[0]
+    to_world = Rotation.from_quat(first[at.X_ROT : at.X_RATE], scalar_first=True).as_matrix()
+    C[at.ROT : at.RATE, at.ROT : at.RATE] = to_world.T @ np.diag(about_world) @ to_world
     # The state of the IMU follows from that of the body's origin.
     x[:3] += R @ model.b_p_imu_m
+    x[at.ACC : at.ROT] = GRAVITY_M_S2 * R[2]
     J, by_turn = np.eye(size), -R @ se3.cross_matrix(np.array(model.b_p_imu_m))
     J[at.POS : at.VEL, at.ROT : at.RATE] = J[at.VEL : at.ACC, at.RATE : at.ATTITUDE_ERROR] = by_turn
+    J[at.ACC : at.ROT, at.ROT : at.RATE] = GRAVITY_M_S2 * se3.cross_matrix(to_world[2])
     return FilterState(x, np.zeros(size), J @ C @ J.T, np.full((kinds.CLONE + 1, 6), math.inf))

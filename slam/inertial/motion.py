@@ -38,8 +38,9 @@ def filter_motion(
     from backend.ekf.track import track
 
     readings = replace(inputs.readings, steps=steps)
-    found_start = inputs.adjustments.start or inputs.adjustments.heading
-    rounds = (START_ROUNDS if found_start else 1) if smooth else 0
+    # A heading that positions correct, and a height that steps correct, are factors of what is measured.
+    is_product = inputs.adjustments.start is not None or readings.w_p_antenna_m is not None
+    rounds = (START_ROUNDS if is_product else 1) if smooth else 0
     scaled = _scaled_starts(inputs)
 
     def run(start: InitialState, number: int) -> Track:

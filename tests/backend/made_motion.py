@@ -148,6 +148,7 @@ def start_of(flight: MadeFlight, readings: Readings, rng: np.random.Generator) -
     place, angles = flight.position.at(at)[0], flight.angles.at(at)[0]
     height_std, tilt_std, velocity_std = 0.2, 0.05, 0.3
     tipped = Rotation.from_rotvec([*rng.normal(0, tilt_std, 2), 0.0])
+    own = readings.roll_pitch_yaw_rad
     return InitialState(
         height_m=float(place[2] + rng.normal(0, height_std)),
         height_std_m=height_std,
@@ -156,6 +157,7 @@ def start_of(flight: MadeFlight, readings: Readings, rng: np.random.Generator) -
         place_m=(float(place[0]), float(place[1])),
         w_v_m_s=flight.position.at(at, 1)[0] + rng.normal(0, velocity_std, 3),
         velocity_std_m_s=velocity_std,
+        yaw_zero_rad=0.0 if own is None else float(own.values[0, 2] - angles[2]),
     )
 
 

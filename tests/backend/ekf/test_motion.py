@@ -11,6 +11,8 @@ from backend.ekf import motion as at
 
 MODEL = np.concatenate([[1.5, 0.4, 0.8, 0.3, 1e-3, 2e-3, 0.05, 20.0, 0.01, 0.1, 1.5, 0.2], np.zeros(9)])
 WORK = np.zeros((at.MOVING, at.SIZE))
+NOWHERE = np.zeros(0)
+"""No point of linearisation: errors are about the propagated state."""
 
 
 def drawn_state(rng):
@@ -48,7 +50,7 @@ def retracted(x, e):
 def moved(x, dt):
     y, F = x.copy(), np.zeros((at.MOVING, at.MOVING))
     C = np.zeros((at.SIZE, at.SIZE))
-    at.propagate(y, C, dt, MODEL, F, WORK)
+    at.propagate(y, C, dt, MODEL, NOWHERE, F, WORK)
     return y, C, F
 
 
@@ -65,6 +67,31 @@ def test_transition_against_differences(seed):
         ) / 2e-6
         # The turn by which the body rate acts is taken to second order in the step.
         np.testing.assert_allclose(transition[:, k], column, atol=2e-5)
+
+
+def turned_about_vertical(x):
+    """The error of a state whose whole path is turned about the vertical, with the vehicle's own yaw."""
+    up, e = np.array([0.0, 0.0, 1.0]), np.zeros(at.SIZE)
+    e[at.POS : at.VEL], e[at.VEL : at.ACC] = np.cross(up, x[: at.VEL]), np.cross(up, x[at.VEL : at.ACC])
+    e[at.ROT : at.RATE] = Rotation.from_quat(x[at.X_ROT : at.X_RATE], scalar_first=True).inv().apply(up)
+    e[at.ATTITUDE_ERROR + 2] = -1.0
+    return e
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_turn_of_the_whole_path_stays_one(seed):
+    """Nothing in the motion tells the heading, also about a point that was smoothed with other noise."""
+    rng = np.random.default_rng(seed)
+    x = drawn_state(rng)
+    start, y, F, C = x.copy(), x.copy(), np.zeros((at.MOVING, at.MOVING)), np.zeros((at.SIZE, at.SIZE))
+    at.propagate(y, C, 0.02, MODEL, NOWHERE, F, WORK)
+    point = retracted(y, np.where(np.arange(at.SIZE) < at.ATTITUDE_ERROR, rng.normal(0, 0.3, at.SIZE), 0.0))
+    y = x.copy()
+    at.propagate(y, np.zeros_like(C), 0.02, MODEL, point, F, WORK)
+    expected, found = turned_about_vertical(point), matrix(F) @ turned_about_vertical(start)
+    inner = slice(at.ACC, at.SIZE)
+    np.testing.assert_allclose(found[inner], expected[inner], atol=1e-12)
+    np.testing.assert_allclose(found[: at.ACC], turned_about_vertical(y)[: at.ACC], atol=1e-12)
 
 
 def test_pulling_back_is_the_transpose():
@@ -104,9 +131,9 @@ def test_two_steps_are_one():
     once, twice = x.copy(), x.copy()
     C1, F = B @ B.T, np.zeros((at.MOVING, at.MOVING))
     C2 = C1.copy()
-    at.propagate(once, C1, 0.02, MODEL, F, WORK)
+    at.propagate(once, C1, 0.02, MODEL, NOWHERE, F, WORK)
     for _ in range(2):
-        at.propagate(twice, C2, 0.01, MODEL, F, WORK)
+        at.propagate(twice, C2, 0.01, MODEL, NOWHERE, F, WORK)
     np.testing.assert_allclose(once, twice, atol=1e-4)
     scale = np.sqrt(np.diag(C1))
     np.testing.assert_allclose(C1 / np.outer(scale, scale), C2 / np.outer(scale, scale), atol=2e-3)

@@ -96,6 +96,6 @@ def test_an_error_of_the_own_attitude_stays_in_the_world():
         x[at.X_ROT : at.X_RATE], x[at.X_CLONE_ROT] = body.as_quat(scalar_first=True), 1.0
         x[at.X_ATTITUDE_ERROR : at.X_ATTITUDE_ERROR + 3] = [*lean[:2], 0.4]
         said = predicted(kinds.ATTITUDE, x, np.full(3, np.nan), scratch)
-        own = Rotation.from_euler("z", 0.4) * Rotation.from_rotvec(lean) * body
+        own = Rotation.from_rotvec(lean) * Rotation.from_euler("z", 0.4) * body
         read = Rotation.from_euler("ZYX", said[:3][::-1])
         assert (own.inv() * read).magnitude() < 1e-12
