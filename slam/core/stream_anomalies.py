@@ -218,7 +218,7 @@ def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> Message | None:
     if not known.any():
         return None
     stamps_s, range_m = sonar.stamps_s[known], sonar.range_m[known]
-    at, lasted_s, share = _longest_repeat(stamps_s, range_m[:, None])
+    at, lasted_s, share = longest_repeat(stamps_s, range_m[:, None])
     if lasted_s == 0 or share < least_share:
         return None
     return about(
@@ -230,7 +230,7 @@ def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> Message | None:
     )
 
 
-def _longest_repeat(stamps_s: Array, values: Array) -> tuple[int, float, float]:
+def longest_repeat(stamps_s: Array, values: Array) -> tuple[int, float, float]:
     """Return where the longest run of equal readings (n, c) begins, its duration in seconds, and its share of
     all readings; the duration is 0 where it has too few readings or is too short."""
     changed = (np.diff(values, axis=0) != 0).any(axis=1)
@@ -244,19 +244,22 @@ def _longest_repeat(stamps_s: Array, values: Array) -> tuple[int, float, float]:
 
 
 def velocity_anomalies(velocity: Velocity) -> list[Message]:
-    """Return a line for a velocity that is stuck. It may be zero for as long: the vehicle stands then."""
+    """Return a line for a velocity that is stuck, or one axis of it while the other changes. Both may be zero
+    for as long: the vehicle stands then."""
     known = np.isfinite(velocity.v_m_s).all(axis=1) & (velocity.v_m_s != 0).any(axis=1)
     if not known.any():
         return []
     stamps_s, v_m_s = velocity.stamps_s[known], velocity.v_m_s[known]
-    at, lasted_s, _ = _longest_repeat(stamps_s, v_m_s)
-    if lasted_s == 0:
-        return []
-    return [
-        about(
-            "velocity0",
-            f"reads exactly {v_m_s[at, 0]:g}, {v_m_s[at, 1]:g} m/s for {lasted_s:.1f} s from "
-            f"{stamps_s[at]:.1f} s (stuck?)",
-            "if it flew at another speed then, leave velocity0 out",
-        )
-    ]
+    do = "if it flew at another speed then, leave velocity0 out"
+    at, lasted_s, _ = longest_repeat(stamps_s, v_m_s)
+    if lasted_s > 0:
+        read = f"{v_m_s[at, 0]:g}, {v_m_s[at, 1]:g}"
+        where = f"for {lasted_s:.1f} s from {stamps_s[at]:.1f} s (stuck?)"
+        return [about("velocity0", f"reads exactly {read} m/s {where}", do)]
+    lines = []
+    for k, axis in enumerate(("forward", "left")):
+        at, lasted_s, _ = longest_repeat(stamps_s, v_m_s[:, k : k + 1])
+        if lasted_s > 0:
+            where = f"for {lasted_s:.1f} s from {stamps_s[at]:.1f} s while its other axis changes (stuck?)"
+            lines.append(about("velocity0", f"reads exactly {v_m_s[at, k]:g} m/s {axis} {where}", do))
+    return lines

@@ -16,6 +16,7 @@ from backend.significance import SIGMAS_OF_SEVERAL
 from slam.core.flight import Flight
 from slam.core.messages import Message, warning
 from slam.core.names import enumerated
+from slam.core.stream_anomalies import longest_repeat
 from slam.data_quality.axes import wrong_axes
 from slam.data_quality.inertial_comparison import (
     FEWEST,
@@ -36,6 +37,8 @@ _ABOVE_NOISE = 3.0
 """Multiples of the gyro's noise that the turns must exceed: it then lowers no gain by more than a tenth."""
 _LEAST_ALIKE = 0.5
 """Least share of the attitude's turns that the gyro explains: a lag leaves less."""
+_SPEED_M_S = 0.1
+"""Above it a vehicle moves; velocities of one that stands are smaller."""
 _DOUBT = "the motion that both give is not to be trusted"
 
 
@@ -52,7 +55,10 @@ class _Regression:
 
 
 def attitude_contradictions(flight: Flight) -> list[Message]:
-    """Return a line for each kind of contradiction between the turns of ``attitude0`` and ``imu0``."""
+    """Return a line for each kind of contradiction between the turns of ``attitude0`` and ``imu0``, and for
+    an attitude that no flight has."""
+    if lines := _impossible(flight):
+        return lines
     if axes := wrong_axes(flight, ("attitude",))[0]:
         found = " and ".join(map(str, axes))
         do = "check the axes and signs of both, and T_BS of imu0"
@@ -71,6 +77,40 @@ def attitude_contradictions(flight: Flight) -> list[Message]:
             )
         ]
     return [*_other_mounts(regression), *_other_gains(regression)]
+
+
+def _impossible(flight: Flight) -> list[Message]:
+    """Return a line where the vehicle would hang upside down, or would keep every angle while it moves."""
+    attitude = flight.attitude
+    known = attitude is not None and np.isfinite(attitude.roll_pitch_yaw_rad).all(axis=1)
+    if attitude is None or not np.any(known):
+        return []
+    stamps_s, angles = attitude.stamps_s[known], attitude.roll_pitch_yaw_rad[known]
+    if np.median(np.cos(angles[:, :2]).prod(axis=1)) < 0:
+        return [
+            warning(
+                "by attitude0 the vehicle hangs upside down most of the time",
+                "check its axes, and the order of its quaternions",
+            )
+        ]
+    velocity = flight.velocity
+    if flight.imu is not None or velocity is None:
+        return []  # the gyro tells whether the vehicle turns
+    read = np.isfinite(velocity.v_m_s).all(axis=1)
+    if not read.any():
+        return []
+    speed_m_s = np.interp(stamps_s, velocity.stamps_s[read], np.hypot(*velocity.v_m_s[read].T))
+    stamps_s, angles = stamps_s[speed_m_s > _SPEED_M_S], angles[speed_m_s > _SPEED_M_S]
+    at, lasted_s, _ = longest_repeat(stamps_s, angles) if len(stamps_s) > 1 else (0, 0.0, 0.0)
+    if lasted_s == 0:
+        return []
+    return [
+        warning(
+            f"attitude0 keeps every angle for {lasted_s:.1f} s from {stamps_s[at]:.1f} s while the vehicle "
+            "moves (stuck?): the motion that it gives is not to be trusted",
+            "leave attitude0 out, or repair it",
+        )
+    ]
 
 
 def _regression(flight: Flight, seen: IntegralComparison) -> _Regression | None:

@@ -151,9 +151,13 @@ def positions_of(flight: Flight, trust: InertialTrust) -> Series | None:
     if not used.any():
         return None
     std = np.maximum(np.hypot(gps.each_std_m[used], gps.antenna_std_m), trust.gps_floor_m)
-    step_s = float(np.median(np.diff(gps.stamps_s))) if len(gps.stamps_s) > 1 else np.inf
-    # Fixes with fully correlated errors count as one fix.
-    return Series(gps.stamps_s[used], enu[used], std * np.sqrt(max(1.0, 2 * trust.gps_time_s / step_s)))
+    return Series(gps.stamps_s[used], enu[used], std * np.sqrt(fixes_of_one_error(gps.stamps_s, trust)))
+
+
+def fixes_of_one_error(stamps_s: Array, trust: InertialTrust) -> float:
+    """Return how many successive fixes at stamps (n,) have one error: they count as one fix."""
+    step_s = float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else np.inf
+    return max(1.0, 2 * trust.gps_time_s / step_s)
 
 
 def barometer_of(flight: Flight, trust: InertialTrust) -> Series | None:

@@ -38,9 +38,7 @@ def filter_motion(
     from backend.ekf.track import track
 
     readings = replace(inputs.readings, steps=steps)
-    # A heading that positions correct, and a height that steps correct, are factors of what is measured.
-    is_product = inputs.adjustments.start is not None or readings.w_p_antenna_m is not None
-    rounds = (START_ROUNDS if is_product else 1) if smooth else 0
+    rounds = _rounds(inputs) if smooth else 0
     scaled = _scaled_starts(inputs)
 
     def run(start: InitialState, number: int) -> Track:
@@ -55,6 +53,14 @@ def filter_motion(
         if smoothed is not None and found.smoothed is not None and other.smoothed is not None:
             smoothed = _with_shared_error(smoothed, found.smoothed, other.smoothed)
     return replace(found, filtered=filtered, smoothed=smoothed)
+
+
+def _rounds(inputs: FilterInput) -> int:
+    """Return the number of rounds of the smoother: more where a state is a factor of what is measured."""
+    if inputs.adjustments.start or inputs.adjustments.heading:
+        return START_ROUNDS
+    # A heading by a compass that positions correct is right after the first round.
+    return 2 if inputs.readings.w_p_antenna_m is not None else 1
 
 
 def _scaled_starts(inputs: FilterInput) -> list[InitialState]:

@@ -24,6 +24,7 @@ from slam.core.stage_timer import Stopwatch
 from slam.core.turn_units import in_radians
 from slam.inertial.accuracy_basis import track_accuracy_basis
 from slam.inertial.filter_input import FilterInput
+from slam.inertial.fix_residuals import fix_contradiction
 from slam.inertial.instrument_checks import checked
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.motion import filter_motion
@@ -88,6 +89,7 @@ def navigate(
         *_lost_in_pauses(inputs, at_s, position_std),
         *_contradicted(inputs),
         *_implausible_offsets(track.smoothed, trust),
+        *(line for line in [fix_contradiction(inputs, track.smoothed, at_s, trust)] if line),
     ]
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(

@@ -15,11 +15,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation
 
+from backend.measurements import GRAVITY_M_S2
 from backend.preintegration.integrals import gaps
 from backend.significance import SURE_SIGMAS
 from slam.core.messages import Message, warning
-from slam.core.rotations import roll_pitch_yaw_of
+from slam.core.rotations import roll_pitch_yaw_of, rotation_of
+from slam.core.streams import Imu
 from slam.inertial.filter_input import filter_input
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.motion import filter_motion
@@ -27,6 +30,7 @@ from slam.inertial.variogram import white_density
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
+    from slam.core.streams import AttitudeSeries
 
 Array = NDArray[np.float64]
 
@@ -42,6 +46,8 @@ _ABOVE_NOISE, _FAR_ABOVE_NOISE = 2.0, 3.0
 larger one where nothing but a lack of correlation speaks against the velocity."""
 _DOUBT = "the track over ground is not to be trusted"
 _CHECK = "check signs, axes, unit and stamps of velocity0"
+_LEAST_COSINE = 0.5
+"""Of the largest tilt, 60 deg, at which a thrust is thought to carry the vehicle."""
 _AXES: Mapping[str, Array] = {
     "": np.eye(2),
     "forward and left exchanged": np.array([[0.0, 1.0], [1.0, 0.0]]),
@@ -60,13 +66,17 @@ LARGEST_GAIN = 2.0
 def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust()) -> Message | None:
     """Describe how the velocity contradicts gyro and accelerometer; None where it does not.
 
-    Raises ``InputError`` where the flight has too little without its velocity.
+    Without an IMU the attitude is in its place: a multirotor is pushed to where it leans. Other vehicles are
+    not, so that nothing is said unless other axes agree. Raises ``InputError`` where the flight has too
+    little without its velocity.
     """
-    imu, velocity = flight.imu, flight.velocity
+    witness = "imu0" if flight.imu is not None else "attitude0"
+    imu, velocity = flight.imu or _imu_by_lean(flight.attitude), flight.velocity
     if imu is None or velocity is None or len(imu.stamps_s) < 2:
         return None
+    flight = replace(flight, imu=imu)
     known = np.isfinite(velocity.v_m_s).all(axis=1)
-    inputs = filter_input(replace(flight, velocity=None), trust)
+    inputs = filter_input(replace(flight, velocity=None, gps=None), trust)
     read_s = velocity.stamps_s[known]
     if len(read_s) == 0:
         return None
@@ -90,6 +100,8 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
     count = _independent(len(at_s))
     chance = SURE_SIGMAS / np.sqrt(count)
     read = {name: _changes(level @ axes, turn, ends) for name, axes in _AXES.items()}
+    if witness != "imu0":
+        return _other_axes(read, made, chance, witness)
     return (
         _other_axes(read, made, chance)
         or _compared(read[""], made, chance, moved)
@@ -98,8 +110,25 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
     )
 
 
-def _doubted(finding: str) -> Message:
-    return warning(f"{finding}: {_DOUBT}", _CHECK)
+def _imu_by_lean(attitude: AttitudeSeries | None) -> Imu | None:
+    """Return the readings of an IMU on a vehicle that is only carried by a thrust along its z, and turns as
+    the attitude says; None without a complete attitude."""
+    if attitude is None:
+        return None
+    known = np.isfinite(attitude.roll_pitch_yaw_rad).all(axis=1)
+    stamps_s, angles = attitude.stamps_s[known], attitude.roll_pitch_yaw_rad[known]
+    if len(stamps_s) < 2 or not (np.diff(stamps_s) > 0).all():
+        return None
+    w_R_b = Rotation.from_matrix(rotation_of(angles))
+    turn_rad = (w_R_b[:-1].inv() * w_R_b[1:]).as_rotvec()
+    rate = np.gradient(np.concatenate([np.zeros((1, 3)), np.cumsum(turn_rad, axis=0)]), stamps_s, axis=0)
+    # At a constant height the thrust carries the weight.
+    up = np.maximum(np.abs(np.cos(angles[:, :2]).prod(axis=1)), _LEAST_COSINE)
+    return Imu(stamps_s, rate, np.column_stack([0 * up, 0 * up, GRAVITY_M_S2 / up]))
+
+
+def _doubted(finding: str, check: str = _CHECK) -> Message:
+    return warning(f"{finding}: {_DOUBT}", check)
 
 
 def _without_gaps(streams: list[Array], begin_s: float, end_s: float) -> list[Array]:
@@ -183,7 +212,9 @@ def _correlation(read: Array, made: Array) -> float:
     return float((read * made).sum()) / float(np.sqrt((read**2).sum() * (made**2).sum()))
 
 
-def _other_axes(read: Mapping[str, Array], made: Array, chance: float) -> Message | None:
+def _other_axes(
+    read: Mapping[str, Array], made: Array, chance: float, witness: str = "imu0"
+) -> Message | None:
     """Compare changes of velocity (n, 2) by the IMU with those that are read, by names of other axes.
 
     Other axes must correlate beyond chance, and by as much better than those that are told.
@@ -193,8 +224,9 @@ def _other_axes(read: Mapping[str, Array], made: Array, chance: float) -> Messag
     if alike[best] < chance or alike[best] - alike[""] < chance:
         return None
     return _doubted(
-        f"velocity0 changes as imu0 shows with {best} (correlation {alike[best]:.2f}, as it is "
-        f"{alike['']:.2f}; axes or signs?)"
+        f"velocity0 changes as {witness} shows with {best} (correlation {alike[best]:.2f}, as it is "
+        f"{alike['']:.2f}; axes or signs?)",
+        _CHECK if witness == "imu0" else f"{_CHECK}, and axes and signs of attitude0",
     )
 
 

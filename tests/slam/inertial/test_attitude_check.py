@@ -101,3 +101,22 @@ def test_the_status_of_an_estimate_tells_it(flight: Flight, monkeypatch: pytest.
     monkeypatch.setattr("slam.inertial.navigate.identify_noise", lambda flight, *_: filter_input(flight))
     estimate = navigate(angles(lambda a: a * [1, 1, -1])(flight), rate_hz=2.0).estimate
     assert estimate.status.startswith("attitude0 and imu0: yaw disagrees with the gyro")
+
+
+def stuck_later(read):
+    return np.where((np.arange(len(read)) > len(read) // 3)[:, None], read[len(read) // 3], read)
+
+
+@pytest.mark.parametrize("change", [np.zeros_like, stuck_later])
+def test_angles_that_a_moving_vehicle_keeps_are_told_without_a_gyro(flight: Flight, change):
+    assert flight.velocity is not None
+    by_velocity = replace(flight, imu=None)
+    assert "keeps every angle" in str(attitude_contradictions(angles(change)(by_velocity)))
+    stands = replace(by_velocity, velocity=replace(flight.velocity, v_m_s=0 * flight.velocity.v_m_s))
+    assert attitude_contradictions(angles(change)(stands)) == []
+
+
+@pytest.mark.parametrize("missing", [(), ("imu",)])
+def test_a_vehicle_that_hangs_upside_down_is_told(flight: Flight, missing):
+    damaged = replace(angles(lambda a: a + [3.0, 0.0, 0.0])(flight), **dict.fromkeys(missing))
+    assert "upside down" in str(attitude_contradictions(damaged))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from slam.core.flight import Flight
+from slam.core.stream_anomalies import velocity_anomalies
 from slam.core.streams import VEHICLE_CLOCK_STREAMS
 from slam.inertial.filter_input import filter_input
 from slam.inertial.navigate import _lost_in_pauses, navigate
@@ -30,6 +31,18 @@ def turning() -> Flight:
     return replace(flown(0, maneuver=laps), camera=None, frames=None)
 
 
+@pytest.fixture(scope="module")
+def brisk() -> Flight:
+    """A flight that leans to accelerate, without an IMU."""
+    way = {
+        "way_points": [[0, 0], [6, 0], [6, 4], [0, 4], [0, 0]],
+        "cruise_m_s": 1.2,
+        "acceleration_m_s2": 1.0,
+    }
+    made = flown(0, maneuver=way, world={"extent_m": [-1, -1, 7, 5]})
+    return replace(made, camera=None, frames=None, imu=None)
+
+
 def reading(flight: Flight, v_m_s: np.ndarray) -> Flight:
     return replace(flight, velocity=replace(flight.velocity, v_m_s=v_m_s))
 
@@ -40,9 +53,31 @@ def test_a_healthy_velocity_is_not_contradicted(flight: Flight):
     assert velocity_contradiction(reading(flight, 0.8 * flight.velocity.v_m_s)) is None
 
 
+def test_without_an_imu_the_lean_shows_wrong_axes(brisk: Flight):
+    v, angles = brisk.velocity.v_m_s, brisk.attitude.roll_pitch_yaw_rad
+    assert velocity_contradiction(brisk) is None
+    assert velocity_contradiction(reading(brisk, 0.7 * v)) is None
+    assert "left turned round" in str(velocity_contradiction(reading(brisk, v * [1, -1])))
+    assert "exchanged" in str(velocity_contradiction(reading(brisk, v[:, ::-1])))
+    nose_up = replace(brisk.attitude, roll_pitch_yaw_rad=angles * [1, -1, 1])
+    line = str(velocity_contradiction(replace(brisk, attitude=nose_up)))
+    assert "as attitude0 shows with forward turned round" in line
+    assert "signs of attitude0" in line
+
+
+def test_a_lean_that_pushes_the_vehicle_nowhere_tells_nothing(brisk: Flight):
+    """A car, a boat or a hand leans as it likes."""
+    rng = np.random.default_rng(0)
+    angles = brisk.attitude.roll_pitch_yaw_rad
+    sway = np.cumsum(rng.normal(0, 0.005, (len(angles), 2)), axis=0)
+    held = np.column_stack([sway - sway.mean(axis=0), angles[:, 2]])
+    attitude = replace(brisk.attitude, roll_pitch_yaw_rad=held)
+    assert velocity_contradiction(replace(brisk, attitude=attitude)) is None
+
+
 def test_nothing_is_told_where_there_is_nothing_to_compare(flight: Flight):
     assert velocity_contradiction(replace(flight, velocity=None)) is None
-    assert velocity_contradiction(replace(flight, imu=None)) is None
+    assert velocity_contradiction(replace(flight, imu=None, attitude=None)) is None
     assert velocity_contradiction(reading(flight, np.full_like(flight.velocity.v_m_s, np.nan))) is None
 
 
@@ -117,3 +152,12 @@ def test_the_status_of_an_estimate_names_the_velocity(flight: Flight, monkeypatc
     estimate = navigate(reading(flight, still), rate_hz=2.0).estimate
     assert "velocity0 does not change while imu0 shows" in estimate.status
     assert any("reads exactly" in line for line in estimate.warnings)
+
+
+def test_one_axis_that_stays_while_the_other_changes_is_told(flight: Flight):
+    v = flight.velocity.v_m_s
+    assert velocity_anomalies(flight.velocity) == []
+    assert "left" in str(velocity_anomalies(replace(flight.velocity, v_m_s=v * [1, 0])))
+    assert velocity_anomalies(replace(flight.velocity, v_m_s=0 * v)) == []
+    without_left = np.column_stack([v[:, 0], np.full(len(v), np.nan)])
+    assert velocity_anomalies(replace(flight.velocity, v_m_s=without_left)) == []
