@@ -47,7 +47,7 @@ larger one where nothing but a lack of correlation speaks against the velocity."
 _DOUBT = "the track over ground is not to be trusted"
 _CHECK = "check signs, axes, unit and stamps of velocity0"
 _LEAST_COSINE = 0.5
-"""Of the largest tilt, 60 deg, at which a thrust is thought to carry the vehicle."""
+"""Cosine of 60 deg, the largest tilt at which a thrust is thought to carry the vehicle."""
 _AXES: Mapping[str, Array] = {
     "": np.eye(2),
     "forward and left exchanged": np.array([[0.0, 1.0], [1.0, 0.0]]),
