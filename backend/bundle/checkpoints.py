@@ -15,8 +15,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.graph import BundleProblem, NoiseLevels, Variables
 from backend.bundle.minimise import BundleCost, BundleMinimum
+from backend.bundle.problem import BundleProblem, NoiseLevels, Variables
 from backend.pose_graph.descent import OnStep
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from backend import se3
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, WORLD
-from backend.bundle.graph import BundleProblem, Variables
+from backend.bundle.problem import BundleProblem, Variables
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,6 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.graph import BundleProblem
 from backend.bundle.inertial.graph import (
     NOMINAL_INERTIAL_NOISE,
     InertialNoiseFactors,
@@ -27,6 +26,7 @@ from backend.bundle.inertial.graph import (
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.noise_level import NOMINAL_COUNT
 from backend.bundle.pose_side_factors import Kind, PoseSideFactors
+from backend.bundle.problem import BundleProblem
 from backend.bundle.reduced_system import LinearSystem
 from backend.errors import BackendError
 from backend.preintegration.intervals import MOTION, ROTATION, STATE_SIZE

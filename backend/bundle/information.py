@@ -9,10 +9,11 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.factors import WORLD
-from backend.bundle.graph import BundleConfig, BundleProblem, start_variables
+from backend.bundle.graph import start_variables
 from backend.bundle.metric_poses import metric_jacobians
 from backend.bundle.minimise import BundleCost, BundleOptimum
 from backend.bundle.noise import start_noise
+from backend.bundle.problem import BundleConfig, BundleProblem
 from backend.bundle.reduced_system import ReducedSystem
 from backend.errors import BackendError
 from backend.measurements import Measurements

@@ -19,10 +19,10 @@ import numpy as np
 from gtsam.symbol_shorthand import K as CALIBRATION
 from numpy.typing import NDArray
 
-from backend.bundle.graph import BundleProblem, Variables
 from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, prior_calibration, prior_covariance
 from backend.bundle.minimise import COARSE, BundleCost, BundleOptimum, minimise_bundle
 from backend.bundle.observations import Cameras
+from backend.bundle.problem import BundleProblem, Variables
 from backend.bundle.projections import undistorted
 from backend.errors import BackendError
 from backend.significance import VERY_STRONG_NATS

@@ -8,7 +8,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.factors import FLOOR_Z, SLOPE
-from backend.bundle.graph import BundleProblem
+from backend.bundle.problem import BundleProblem
 
 Array = NDArray[np.float64]
 

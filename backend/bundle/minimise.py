@@ -12,9 +12,10 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
-from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, pose_side_factors
+from backend.bundle.graph import pose_side_factors
 from backend.bundle.observations import Cameras, FloorObservations
 from backend.bundle.pose_side_factors import PoseSideFactors
+from backend.bundle.problem import BundleProblem, NoiseLevels, Variables
 from backend.bundle.reduced_system import LinearSystem, ReducedSystem, Structure
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError

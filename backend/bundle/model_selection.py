@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import gtsam
 
-from backend.bundle.graph import BundleProblem, NoiseLevels, Variables
 from backend.bundle.lens_choice import fisheye_by_evidence
+from backend.bundle.problem import BundleProblem, NoiseLevels, Variables
 from backend.bundle.rolling_shutter import (
     ReadoutEstimate,
     ReadoutTest,

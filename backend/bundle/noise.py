@@ -13,7 +13,6 @@ from backend.bundle.barometer import HEIGHTS, height_residuals
 from backend.bundle.control import mark_residuals, survey_residuals
 from backend.bundle.factors import ANTENNA, OFFSET, WORLD, body_up
 from backend.bundle.free_points import FreePoints
-from backend.bundle.graph import BundleConfig, BundleProblem, NoiseLevels
 from backend.bundle.ground_below import level_ranges_m
 from backend.bundle.metric_poses import metric_poses
 from backend.bundle.minimise import BundleOptimum
@@ -26,6 +25,7 @@ from backend.bundle.noise_level import (
 )
 from backend.bundle.observations import Cameras, FloorObservations, height_stds
 from backend.bundle.position_redundancy import absorbed_positions
+from backend.bundle.problem import BundleConfig, BundleProblem, NoiseLevels
 from backend.bundle.relief import LEAST_PICTURES, find_heights
 from backend.bundle.residual_spread import huber_std, robust_autocorrelated_std
 from backend.measurements import FloorTracks, Measurements, SlantRange

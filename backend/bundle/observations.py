@@ -11,8 +11,8 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.exposure_motion import READOUT
-from backend.bundle.graph import BundleProblem, NoiseLevels
 from backend.bundle.lens import start_numbers
+from backend.bundle.problem import BundleProblem, NoiseLevels
 from backend.bundle.projections import linearise, residuals
 
 Array = NDArray[np.float64]

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, WORLD
-from backend.bundle.graph import ScalePrior
 from backend.bundle.ground_below import ground_below_m
 from backend.bundle.lens_evidence import design_effect, log_marginal_likelihood
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.noise import TOLERANCE, range_noise
 from backend.bundle.noise_level import over_typical
+from backend.bundle.problem import ScalePrior
 from backend.bundle.reduced_system import LinearSystem, ReducedSystem
 from backend.measurements import SlantRange
 

@@ -38,14 +38,7 @@ from backend.bundle.factors import (
     WORLD,
     WORLD_SIZE,
 )
-from backend.bundle.graph import (
-    BundleConfig,
-    BundleProblem,
-    NoiseLevels,
-    ScalePrior,
-    Variables,
-    start_variables,
-)
+from backend.bundle.graph import start_variables
 from backend.bundle.inertial.graph import InertialPart
 from backend.bundle.inertial_noise import start_factors
 from backend.bundle.lens import LensEstimate, prior_covariance, start_numbers
@@ -58,6 +51,7 @@ from backend.bundle.metric_poses import (
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.model_selection import solve_best_model
 from backend.bundle.noise import start_noise
+from backend.bundle.problem import BundleConfig, BundleProblem, NoiseLevels, ScalePrior, Variables
 from backend.bundle.reported.graph import ReportedPart
 from backend.bundle.rolling_shutter import ReadoutEstimate, row_motion, with_known_readout
 from backend.bundle.rounds import Solved, reported_noise

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc
 
 from backend.bundle.free_points import FreePoints
-from backend.bundle.graph import NoiseLevels
+from backend.bundle.problem import NoiseLevels
 from backend.bundle.relief_correlation import design_effect
 from backend.significance import FALSE_ALARM
 

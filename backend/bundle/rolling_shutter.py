@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from backend.bundle.exposure_motion import PRIOR_STD_S, READOUT, ExposureMotion, since_middle
 from backend.bundle.factors import LOG_SCALE, SLOPE, WORLD, rotation_of
 from backend.bundle.floor_speed import camera_motion
-from backend.bundle.graph import BundleProblem, NoiseLevels, Variables
 from backend.bundle.lens_evidence import design_effect
 from backend.bundle.minimise import BundleCost, BundleOptimum
 from backend.bundle.observations import Cameras
 from backend.bundle.picture_variables import picture_variables
+from backend.bundle.problem import BundleProblem, NoiseLevels, Variables
 from backend.measurements.straight_flight import continued_velocities, straight_velocities
 from backend.significance import VERY_STRONG_NATS
 from backend.sparse_cholesky import SingularMatrixError

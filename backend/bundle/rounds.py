@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from backend.bundle.checkpoints import minimum_of
 from backend.bundle.factors import LOG_SCALE, SLOPE, WORLD
-from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, start_calibration
+from backend.bundle.graph import start_calibration
 from backend.bundle.ground_below import over_ground
 from backend.bundle.inertial.graph import without_unused
 from backend.bundle.inertial_noise import estimate_inertial_noise
 from backend.bundle.lens import is_uncertain
 from backend.bundle.minimise import COARSE, FINE, BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import TOLERANCE, estimate_noise, same_noise
+from backend.bundle.problem import BundleProblem, NoiseLevels, Variables
 from backend.bundle.rolling_shutter import corrected_rows
 from backend.measurements import NO_REPORTED_NOISE, ReportedNoise
 from backend.pose_graph.descent import OnStep
@@ -96,7 +97,7 @@ def solve_rounds(
             break
         before, was_wide = now.noise, wide
         now, kept = _estimated(optimum, level=wide is not _Prior.HEIGHT)
-        has_structure = bool(now.problem.raised_of(0).any())
+        has_structure = now.problem.has_structure
         high = now.noise.structure if has_structure else now.noise.relief
         wide = None
         if _Prior.SLOPE not in widened and now.noise.slope_rad > (1.0 + TOLERANCE) * config.slope_std_rad:

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.floor_points import intersect_floor
-from backend.bundle.graph import BundleConfig, NoiseLevels
 from backend.bundle.information import Information, information
 from backend.bundle.lens import start_numbers
 from backend.bundle.noise import start_noise, track_correlation_factor
+from backend.bundle.problem import BundleConfig, NoiseLevels
 from backend.bundle.projections import residuals
 from backend.bundle.refinement import refine
 from backend.bundle.residual_spread import huber_std

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 
-from backend.bundle.graph import BundleConfig
+from backend.bundle.problem import BundleConfig
 from backend.measurements import SAME_PLACE_HEIGHTS, nominal_errors
 from frontend.features import FeatureConfig
 from frontend.gates import GateConfig

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.graph import NoiseLevels, ScalePrior
+from backend.bundle.problem import NoiseLevels, ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.measurements import AlignedPair, Attitude, FloorTracks, Measurements, PinholeModel

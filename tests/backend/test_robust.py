@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X as POSE
 
-from backend.bundle.graph import BundleConfig, BundleProblem, pose_side_factors, start_variables
+from backend.bundle.graph import pose_side_factors, start_variables
 from backend.bundle.noise import start_noise
+from backend.bundle.problem import BundleConfig, BundleProblem
 from backend.pose_graph.unary_factors import position, slant_range
 from backend.robust import huber_limit, robust_unit
 from tests.backend.bundle.made_scenes import SCENES

@@ -22,9 +22,10 @@ from threadpoolctl import threadpool_limits
 from backend import se3
 from backend.bundle import noise
 from backend.bundle.free_points import FreePoints
-from backend.bundle.graph import BundleConfig, BundleProblem, Variables, start_variables
+from backend.bundle.graph import start_variables
 from backend.bundle.minimise import BundleCost, minimise_bundle
 from backend.bundle.noise import start_noise
+from backend.bundle.problem import BundleConfig, BundleProblem, Variables
 from backend.bundle.refinement import refine
 from backend.measurements import Attitude, FloorTracks, Measurements, SlantRange
 from backend.pose_graph.elimination import nested_dissection

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.bundle.graph import LARGEST_SLOPE_RAD
+from backend.bundle.problem import LARGEST_SLOPE_RAD
 from backend.bundle.residual_spread import autocorrelated_std
 from slam.core.flight import Flight
 from slam.core.messages import Message, warning

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.barometer import height_gain, read_and_mapped
-from backend.bundle.graph import BundleConfig, ScalePrior
+from backend.bundle.problem import BundleConfig, ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.measurements import AlignedPair, BarometerHeight, FloorTracks, Measurements, ReportedMotion

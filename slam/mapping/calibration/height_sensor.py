@@ -12,8 +12,8 @@ from itertools import product
 
 import numpy as np
 
-from backend.bundle.graph import ScalePrior
 from backend.bundle.ground_below import LEAST_RANGES
+from backend.bundle.problem import ScalePrior
 from backend.bundle.range_evidence import RangeEvidence, RangePrior, range_evidence
 from backend.significance import STRONG_NATS, VERY_STRONG_NATS
 from backend.sparse_cholesky import SingularMatrixError

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.bundle.graph import ScalePrior
+from backend.bundle.problem import ScalePrior
 from backend.bundle.refinement import Bundle
 from backend.clocks.picture_clock import PictureClock, picture_clock
 from backend.inertial_scale.scale import InertialScale, NoScale, inertial_scale

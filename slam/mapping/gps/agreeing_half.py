@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.graph import LARGEST_SLOPE_RAD
+from backend.bundle.problem import LARGEST_SLOPE_RAD
 from backend.quantiles import f_limit
 from slam.mapping.gps.pairs import some_pairs
 

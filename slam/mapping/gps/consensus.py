@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.graph import LARGEST_SLOPE_RAD
 from backend.bundle.noise_level import over_typical
+from backend.bundle.problem import LARGEST_SLOPE_RAD
 from backend.quantiles import f_limit
 from slam.mapping.gps.agreeing_half import SimilarityFit, agreeing_half
 from slam.mapping.gps.pairs import some_pairs

@@ -12,8 +12,8 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import L as POINT
 from gtsam.symbol_shorthand import X as POSE
 
-from backend.bundle.graph import Variables
 from backend.bundle.minimise import BundleCost
+from backend.bundle.problem import Variables
 
 
 def free_projection_factor(

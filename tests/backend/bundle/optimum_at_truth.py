@@ -6,9 +6,10 @@ import tracemalloc
 
 import numpy as np
 
-from backend.bundle.graph import BundleConfig, BundleProblem, start_variables
+from backend.bundle.graph import start_variables
 from backend.bundle.minimise import BundleCost, BundleOptimum
 from backend.bundle.noise import start_noise
+from backend.bundle.problem import BundleConfig, BundleProblem
 from tests.backend.made_floor import Scene, make
 
 

@@ -11,9 +11,10 @@ from gtsam.symbol_shorthand import B as BIAS
 from gtsam.symbol_shorthand import V as VELOCITY
 from gtsam.symbol_shorthand import X as POSE
 
-from backend.bundle.graph import BundleConfig, BundleProblem, Variables, start_calibration, start_variables
+from backend.bundle.graph import start_calibration, start_variables
 from backend.bundle.minimise import BundleCost
 from backend.bundle.noise import start_noise
+from backend.bundle.problem import BundleConfig, BundleProblem, Variables
 from tests.backend.bundle.made_scenes import SCENES
 from tests.backend.made_floor import make
 

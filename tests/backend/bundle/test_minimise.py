@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X as POSE
 
-from backend.bundle.graph import Variables
 from backend.bundle.minimise import minimise_bundle
+from backend.bundle.problem import Variables
 from backend.bundle.refinement import refine
 from backend.errors import BackendError
 from tests.backend.bundle.made_scenes import SCENES

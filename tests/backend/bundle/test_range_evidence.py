@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backend.bundle import range_evidence as module
-from backend.bundle.graph import ScalePrior
+from backend.bundle.problem import ScalePrior
 from backend.bundle.range_evidence import RangeEvidence, RangePrior, range_evidence
 from backend.bundle.refinement import refine
 from backend.significance import STRONG_NATS, VERY_STRONG_NATS

@@ -10,8 +10,8 @@ from gtsam.symbol_shorthand import L as POINT
 from gtsam.symbol_shorthand import X as POSE
 
 from backend.bundle.factors import WORLD
-from backend.bundle.graph import Variables
 from backend.bundle.minimise import BundleCost, minimise_bundle
+from backend.bundle.problem import Variables
 from backend.bundle.reduced_system import Structure
 from tests.backend.bundle.factor_graph import all_values, factor_graph
 from tests.backend.bundle.posed_costs import posed

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from backend.bundle.graph import Variables
 from backend.bundle.minimise import BundleCost, BundleMinimum, minimise_bundle
+from backend.bundle.problem import Variables
 from backend.bundle.refinement import Bundle, refine
 from tests.backend.bundle.made_scenes import SCENES, SEEDS, SONAR, SURVEY, errors_squared, position_rms
 from tests.backend.made_floor import CAMERA, Made, Scene, aligned, make, mark_nees

@@ -11,9 +11,9 @@ import pytest
 from scipy.optimize import minimize
 
 from backend.bundle.free_points import FreePoints
-from backend.bundle.graph import BundleConfig
 from backend.bundle.noise import start_noise
 from backend.bundle.observations import Cameras
+from backend.bundle.problem import BundleConfig
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.relief import LEAST_PICTURES, Heights, find_heights
 from tests.backend.bundle.made_scenes import SONAR, SURVEY, errors_squared, position_rms

@@ -10,8 +10,8 @@ import pytest
 from scipy.stats import chi2
 
 from backend import se3
-from backend.bundle.graph import BundleConfig
 from backend.bundle.information import information
+from backend.bundle.problem import BundleConfig
 from backend.bundle.refinement import refine
 from slam.core.errors import InputError
 from slam.evaluation.bound import Bound, at_the_truth, cramer_rao

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.bundle.graph import ScalePrior
+from backend.bundle.problem import ScalePrior
 from backend.inertial_scale.scale import InertialScale, NoScale
 from slam.core.imu_at_rest import GravityReading
 from slam.core.progress import silent

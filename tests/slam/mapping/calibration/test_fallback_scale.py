@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from backend.bundle.graph import ScalePrior
+from backend.bundle.problem import ScalePrior
 from backend.errors import BackendError
 from backend.inertial_scale.scale import InertialScale, NoScale
 from backend.measurements import BarometerHeight, Measurements

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from backend.bundle.graph import ScalePrior
+from backend.bundle.problem import ScalePrior
 from backend.bundle.range_evidence import RangeEvidence, RangePrior
 from backend.pose_graph.solution import RangeErrors
 from slam.core.flight import Flight

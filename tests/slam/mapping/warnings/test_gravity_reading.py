@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.bundle.graph import ScalePrior
+from backend.bundle.problem import ScalePrior
 from backend.inertial_scale.scale import InertialScale
 from backend.measurements import GRAVITY_M_S2
 from slam.core.imu_at_rest import GravityReading
