@@ -64,11 +64,11 @@ def log_marginal_likelihood(gradient: Array, information: Array, prior: Array) -
 
 def _design_effect(optimum: BundleOptimum, weights: Array) -> float:
     """Return the design effect of the sum of the lens's numbers with ``weights`` (q,)."""
-    jacobian, residuals, reduced = optimum.eliminated()
+    linear, reduced = optimum.eliminated()
     by_pose = np.zeros((reduced.size, 1))
     by_pose[reduced.structure.columns(CALIBRATION(0)), 0] = weights
-    change = reduced.solve(by_pose, np.zeros((jacobian.shape[1] - reduced.size, 1)))
-    return design_effect(optimum, np.asarray(jacobian @ np.vstack(change))[:, 0], residuals)
+    change = reduced.solve(by_pose, np.zeros((optimum.at.point.size, 1)))
+    return design_effect(optimum, linear.times(*change)[:, 0], linear.right)
 
 
 def design_effect(optimum: BundleOptimum, influence: Array, residuals: Array) -> float:

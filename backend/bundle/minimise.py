@@ -10,13 +10,14 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csc_array
 
 from backend.bundle.graph import pose_side_factors
 from backend.bundle.observations import Cameras, FloorObservations
 from backend.bundle.pose_side_factors import PoseSideFactors
 from backend.bundle.problem import BundleProblem, NoiseLevels, Variables
-from backend.bundle.reduced_system import LinearSystem, ReducedSystem, Structure
+from backend.bundle.reduced_system import LinearSystem, ReducedSystem
+from backend.bundle.structure import Structure
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
 from backend.gauge import key_name
@@ -128,13 +129,13 @@ class BundleOptimum:
         """Return the linear system at the optimum."""
         return self.cost.linearise(self.at, self.structure)
 
-    def eliminated(self) -> tuple[csr_array, Array, ReducedSystem]:
-        """Return the whole Jacobian at the optimum, the right-hand side, and the system without the points.
+    def eliminated(self) -> tuple[LinearSystem, ReducedSystem]:
+        """Return the linear system at the optimum, and the same without the points.
 
-        The blocks that both are made of are not kept: they are nearly as large as the Jacobian.
+        Products with the first need no Jacobian as a whole, which would be twice as large as its blocks.
         """
         linear = self.linearise()
-        return *linear.jacobian(), linear.eliminate()
+        return linear, linear.eliminate()
 
     def standard_deviations(self, key: int) -> Array:
         """Return those of the numbers (d,) of a vector among the variables of the pose side.

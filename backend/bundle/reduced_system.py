@@ -9,23 +9,21 @@ Source: Triggs et al. 2000, section 6 (reduced camera system); Agarwal, Snavely,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import K as CALIBRATION
-from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, diags_array, vstack
 
 from backend.bundle.exposure_motion import READOUT
-from backend.bundle.observations import FloorObservations, LinearObservations
-from backend.bundle.schur import add_camera_system, block_pattern, eliminate, transposed_product
+from backend.bundle.observations import LinearObservations
+from backend.bundle.schur import add_camera_system, add_product, eliminate, transposed_product
+from backend.bundle.structure import Structure
 from backend.pose_graph.linear import linear_system
-from backend.sparse_cholesky import Blocks, Cholesky, Elimination, analyse, factorise
+from backend.sparse_cholesky import Blocks, Cholesky, factorise
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -33,105 +31,13 @@ Index = NDArray[np.int64]
 MOST_NUMBERS = 2_500_000
 """Numbers of all right-hand sides that are solved for at a time, at most. They are 20 MB, and a solution
 needs about five times as much; 25 right-hand sides of a survey of 400 photographs are as many."""
+_OBSERVATIONS_AT_ONCE = 8192
+"""Observations of which a product with the Jacobian is in memory; the time is flat above a thousand."""
 
 
 def columns_at_once(rows: int, most: int) -> int:
     """Return how many right-hand sides of some rows are solved for at a time: ``most`` of a small system."""
     return int(np.clip(MOST_NUMBERS // max(rows, 1), 1, most))
-
-
-@dataclass(frozen=True)
-class Structure:
-    """Order of elimination of the pose side, and pattern of the reduced camera system."""
-
-    variable: dict[int, int]
-    """Number of each key of the pose side, 0.. by key."""
-    elimination: Elimination
-    observations: FloorObservations
-    camera: Index
-    """(m,) camera of each observation. Cameras are keyframes, numbered in the order of elimination."""
-    by_camera: Index
-    """(m,) observations, sorted by camera."""
-    at: Index
-    """(n + 1,) begin of each camera's observations among these."""
-    row: Index
-    """(n + 1,) begin of each camera's blocks, and..."""
-    column: Index
-    """(blocks,) ...the camera of each block's columns."""
-    of_cameras: Index
-    """(6n,) columns of the cameras."""
-    of_calibration: Index
-    """(q,) columns of the calibration, and of the read-out time; none of what is fixed."""
-
-    @staticmethod
-    def of(
-        graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, n: int, observations: FloorObservations
-    ) -> Structure:
-        """Analyse the pattern of a pose-side graph and the observations of its ``n`` keyframes."""
-        dims = values.dims()
-        variable = {key: k for k, key in enumerate(sorted(dims))}
-        keyframes = np.array([variable[POSE(k)] for k in range(n)])
-        common = [variable[key] for key in (CALIBRATION(0), READOUT) if key in variable]
-        lens = np.array(common, dtype=np.int64)
-        by_camera, at = _sorted_by(observations.keyframe, n)
-        row, column = block_pattern(
-            observations.keyframe, observations.track, observations.first, by_camera, at
-        )
-        pairs = np.column_stack([np.repeat(np.arange(n), np.diff(row)), column])
-        everywhere = np.array([(k, v) for v in lens for k in keyframes], dtype=np.int64).reshape(-1, 2)
-        together = np.array(list(combinations(common, 2)), dtype=np.int64).reshape(-1, 2)
-        ties = np.vstack([_pairs_of(graph, variable), keyframes[pairs], everywhere, together])
-        widths = np.array([dims[key] for key in variable], dtype=np.int64)
-        elimination = analyse(np.unique(ties[ties[:, 0] != ties[:, 1]], axis=0), widths)
-        order = np.argsort(elimination.begin[keyframes])
-        rank = np.empty(n, dtype=np.int64)
-        rank[order] = np.arange(n)
-        camera = rank[observations.keyframe]
-        pairs = np.sort(rank[pairs], axis=1)
-        return Structure(
-            variable,
-            elimination,
-            observations,
-            camera,
-            *_sorted_by(camera, n),
-            row=np.concatenate([[0], np.cumsum(np.bincount(pairs[:, 0], minlength=n))]),
-            column=pairs[np.lexsort(pairs.T[::-1]), 1],
-            of_cameras=elimination.columns(keyframes[order]),
-            of_calibration=elimination.columns(lens),
-        )
-
-    def columns(self, key: int) -> slice:
-        """Return the columns of a variable of the pose side."""
-        v = self.variable[key]
-        begin = int(self.elimination.begin[v])
-        return slice(begin, begin + int(self.elimination.widths[v]))
-
-    def columns_of(self, keys: Sequence[int]) -> Index:
-        """Return the columns (k, d) of variables with as many numbers each."""
-        variables = np.array([self.variable[key] for key in keys])
-        return self.elimination.columns(variables).reshape(len(keys), -1)
-
-    @cached_property
-    def by_key(self) -> Index:
-        """Place among the columns by key of each column in the order of elimination."""
-        at = np.empty(self.elimination.size, dtype=np.int64)
-        at[self.elimination.columns(np.arange(len(self.variable)))] = np.arange(len(at))
-        return at
-
-
-def _sorted_by(number: Index, n: int) -> tuple[Index, Index]:
-    begin = np.concatenate([[0], np.cumsum(np.bincount(number, minlength=n))])
-    return np.argsort(number, kind="stable"), begin
-
-
-def _pairs_of(graph: gtsam.NonlinearFactorGraph, variable: dict[int, int]) -> Index:
-    """Return the pairs (p, 2) of variables that share a factor."""
-    found = {
-        pair
-        for factor in (graph.at(k) for k in range(graph.size()))
-        for pair in combinations(sorted(variable[key] for key in factor.keys()), 2)  # noqa: SIM118
-    }
-    return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
 
 
 @dataclass(frozen=True)
@@ -158,8 +64,7 @@ class LinearSystem:
     @property
     def error(self) -> float:
         """Half the sum of squares."""
-        parts = self.seen.right, self.seen.prior_right, self.pose_side_right
-        return 0.5 * sum(float(np.sum(part**2)) for part in parts)
+        return 0.5 * sum(float(np.sum(part**2)) for part in self._rights)
 
     @cached_property
     def _of_cameras(self) -> bsr_array:
@@ -173,17 +78,54 @@ class LinearSystem:
             2 * len(self.structure.camera), len(self.structure.of_calibration)
         )
 
+    @property
+    def right(self) -> Array:
+        """Right-hand side (rows,): minus the residuals of observations, points' priors and pose side."""
+        return np.concatenate([part.ravel() for part in self._rights])
+
+    @property
+    def _rights(self) -> tuple[Array, Array, Array]:
+        return self.seen.right, self.seen.prior_right, self.pose_side_right
+
     @cached_property
     def gradient(self) -> tuple[Array, Array]:
         """J'b by the pose side (size,) and by the points (3t,)."""
-        right = self.seen.right.ravel()
-        by_pose = np.asarray(self.pose_side.T @ self.pose_side_right)
+        return self.transposed_times(self.right)
+
+    def transposed_times(self, vectors: Array) -> tuple[Array, Array]:
+        """Return J'v by the pose side (size, ...) and by the points (3t, ...) of vectors (rows, ...)."""
         s, seen, each = self.structure, self.seen, np.arange(len(self.structure.camera))
-        by_pose[s.of_cameras] += _transposed(seen.of_pose, each, s.camera, right, len(s.at) - 1)
-        by_pose[s.of_calibration] += self._of_calibration.T @ right
+        ends = np.cumsum([seen.right.size, seen.prior_right.size])
+        of_pixels, of_priors, of_sensors = np.split(np.ascontiguousarray(vectors), ends)
+        by_pose = np.asarray(self.pose_side.T @ of_sensors)
+        by_pose[s.of_cameras] += _transposed(seen.of_pose, each, s.camera, of_pixels, len(s.at) - 1)
+        by_pose[s.of_calibration] += self._of_calibration.T @ of_pixels
         points = len(seen.prior_right)
-        by_point = _transposed(seen.of_point, each, s.observations.track, right, points)
-        return by_pose, by_point + (seen.prior_right / s.observations.prior_std).ravel()
+        by_point = _transposed(seen.of_point, each, s.observations.track, of_pixels, points)
+        by_point += (of_priors.T / s.observations.prior_std.ravel()).T
+        return by_pose, by_point
+
+    def times(self, by_pose: Array, by_point: Array) -> Array:
+        """Return Jx (rows, k) of changes by the pose side (size, k) and by the points (3t, k)."""
+        product = np.empty((sum(part.size for part in self._rights), by_pose.shape[1]))
+        for rows, part in self.products(by_pose, by_point):
+            product[rows] = part
+        return product
+
+    def products(self, by_pose: Array, by_point: Array) -> Iterator[tuple[slice, Array]]:
+        """Yield Jx of changes by the pose side (size, k) and the points (3t, k) for some rows at a time."""
+        s, seen, k = self.structure, self.seen, by_pose.shape[1]
+        of_cameras, of_lens = by_pose[s.of_cameras].reshape(-1, 6, k), by_pose[s.of_calibration]
+        of_points = np.ascontiguousarray(by_point).reshape(-1, 3, k)
+        for begin in range(0, len(s.camera), _OBSERVATIONS_AT_ONCE):
+            some = slice(begin, begin + _OBSERVATIONS_AT_ONCE)
+            part = seen.of_calibration[some] @ of_lens
+            add_product(seen.of_pose[some], s.camera[some], of_cameras, part)
+            add_product(seen.of_point[some], s.observations.track[some], of_points, part)
+            yield slice(2 * begin, 2 * begin + 2 * len(part)), part.reshape(-1, k)
+        points = slice(seen.right.size, seen.right.size + seen.prior_right.size)
+        yield points, by_point / s.observations.prior_std.reshape(-1, 1)
+        yield slice(points.stop, None), self.pose_side @ by_pose
 
     def error_after(self, step: tuple[Array, Array], damping: float) -> float:
         """Return half the sum of squares after the step x that solves (J'J + damping I) x = J'b."""
@@ -261,8 +203,7 @@ class LinearSystem:
             _by_rows(sensors.data, sensors.indices, sensors.indptr, width),
         )
         whole = vstack(parts, format="csr")
-        right = self.seen.right, self.seen.prior_right, self.pose_side_right
-        return csr_array(whole), np.concatenate([part.ravel() for part in right])
+        return csr_array(whole), self.right
 
 
 def _by_rows(values: Array, column: NDArray[np.integer], begin: NDArray[np.integer], width: int) -> csr_array:

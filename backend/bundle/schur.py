@@ -177,3 +177,14 @@ def transposed_product(blocks: Array, row: Index, column: Index, vectors: Array,
                 for k in range(vectors.shape[2]):
                     y[b, k] += blocks[m, a, b] * x[a, k]
     return product
+
+
+@njit(cache=True)
+def add_product(blocks: Array, column: Index, vectors: Array, product: Array) -> None:
+    """Add the product of blocks (m, r, c) with the vectors (columns, c, k) at ``column`` to (m, r, k)."""
+    for m in range(len(blocks)):
+        x, y = vectors[column[m]], product[m]
+        for a in range(blocks.shape[1]):
+            for b in range(blocks.shape[2]):
+                for k in range(vectors.shape[2]):
+                    y[a, k] += blocks[m, a, b] * x[b, k]

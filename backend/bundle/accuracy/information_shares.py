@@ -41,7 +41,7 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
 
     Raises ``SingularMatrixError`` if a direction is open.
     """
-    jacobian, _, reduced = optimum.eliminated()
+    linear, reduced = optimum.eliminated()
     columns = reduced.structure.columns
     k, of_pose = _farthest(optimum)
     gradient = np.zeros((reduced.size, _GROUND.stop))
@@ -58,13 +58,18 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
         gradient[:, _SCALE], of_points[:, _SCALE] = (each[:, 0] for each in gradients(optimum, reduced))
     else:  # What is fixed in place of a length says all.
         gradient[columns(WORLD).start + LOG_SCALE, _SCALE] = 1.0
-    rows = np.asarray(jacobian @ np.vstack(reduced.solve(gradient, of_points)))
     pictures, floor = ["pictures"] * optimum.cost.observations.pixel.size, ["flat_floor"] * len(of_points)
     instrument = np.array([*pictures, *floor, *optimum.cost.pose_side.instruments])
-    names = sorted(set(instrument.tolist()))
-    variance = np.array([_variances(rows[instrument == name], optimum, k) for name in names])
+    names, number = np.unique(instrument, return_inverse=True)
+    products = np.zeros((len(names), _GROUND.stop, _GROUND.stop))
+    for rows, part in linear.products(*reduced.solve(gradient, of_points)):
+        for each in np.unique(number[rows]):
+            mine = part[number[rows] == each]
+            products[each] += mine.T @ mine
+    variance = _variances(products, optimum, k)
     shares = (variance / variance.sum(axis=0)).T
-    return {d: dict(zip(names, row, strict=True)) for d, row in zip(DIRECTIONS, shares.tolist(), strict=True)}
+    by_name = (dict(zip(names.tolist(), row, strict=True)) for row in shares.tolist())
+    return dict(zip(DIRECTIONS, by_name, strict=True))
 
 
 def _height_jacobian(optimum: BundleOptimum, k: int) -> Array:
@@ -75,11 +80,13 @@ def _height_jacobian(optimum: BundleOptimum, k: int) -> Array:
     return np.asarray(f_R_b[2:] @ over_floor_jacobians(problem, values)[k, 3:])
 
 
-def _variances(rows: Array, optimum: BundleOptimum, k: int) -> Array:
-    """Return the variance of each direction by the rows (r, columns of the gradient) of one instrument."""
-    J, of_ground = SeenGround.of(optimum).jacobian(k), rows[:, _GROUND]
-    in_mean = np.sum(J @ (of_ground.T @ of_ground) * J)
-    return np.append(np.sum(rows[:, : _GROUND.start] ** 2, axis=0), in_mean)
+def _variances(products: Array, optimum: BundleOptimum, k: int) -> Array:
+    """Return the variances (i, directions) by the products (i, c, c) of each instrument's rows of the columns
+    of the gradient."""
+    J, before = SeenGround.of(optimum).jacobian(k), _GROUND.start
+    in_mean = np.einsum("ra,iab,rb->i", J, products[:, _GROUND, _GROUND], J, optimize=True)
+    squares = np.diagonal(products, axis1=1, axis2=2)
+    return np.column_stack([squares[:, :before], in_mean])
 
 
 def _farthest(optimum: BundleOptimum) -> tuple[int, Array]:

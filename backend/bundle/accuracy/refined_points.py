@@ -35,14 +35,15 @@ def metric_point_stds(optimum: BundleOptimum, seed: int = 0, draws: int = _DRAWS
     Raises ``SingularMatrixError`` if a direction is open. Source: Papandreou and Yuille, "Gaussian sampling
     by local perturbations", NIPS 2010.
     """
-    A, _, reduced = optimum.eliminated()
+    linear, reduced = optimum.eliminated()
+    rows = len(linear.right)
     world = reduced.structure.columns(WORLD)
     of_point, of_world = point_jacobians(optimum)
-    rng, squares, size = np.random.default_rng(seed), np.zeros((len(of_world), 3)), reduced.size
-    at_once = columns_at_once(A.shape[0], _AT_A_TIME)
+    rng, squares = np.random.default_rng(seed), np.zeros((len(of_world), 3))
+    at_once = columns_at_once(rows, _AT_A_TIME)
     for begin in range(0, draws, at_once):
-        right = A.T @ rng.standard_normal((A.shape[0], min(at_once, draws - begin)))
-        by_pose, by_point = reduced.solve(right[:size], right[size:])
+        noise = rng.standard_normal((rows, min(at_once, draws - begin)))
+        by_pose, by_point = reduced.solve(*linear.transposed_times(noise))
         moved = of_point @ by_point.reshape(len(of_world), 3, by_point.shape[1]) + of_world @ by_pose[world]
         squares += np.sum(moved**2, axis=2)
     return np.sqrt(squares / draws)

@@ -12,7 +12,7 @@ Source: Rao 1948 (score test); Rao and Scott 1984, and Thomas and Rao 1987 (desi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9
 """Share of a column's squares that elimination must leave: less is rounding, and the column is unobserved."""
+_PARALLEL = 1e-12
+"""Share of a known column, all of unit length, that makes it a multiple of the others by rounding."""
 
 _DRAWS = 16
 """Draws of noise that measure how much of it the fit absorbs: to 6 % with 16 pictures."""
@@ -132,34 +134,32 @@ class _Test:
 
 @dataclass(frozen=True)
 class _Scores:
-    """Columns of each kind, with poses, points and world eliminated."""
+    """Products of the columns of all kinds, with poses, points and world eliminated, picture by picture."""
 
-    columns: Mapping[Kind, Array]
-    """(rows, c)."""
-    left: Array
-    """(rows,) whitened residuals."""
-    white: Array
-    """(rows, d) the residuals of ``d`` draws of independent noise."""
-    picture: NDArray[np.int64]
-    """(rows,) number of the picture, 0..n-1."""
+    columns: Mapping[Kind, list[int]]
+    """Places of the columns of each kind among all c."""
+    squares: Array
+    """(n, c, c) products of the columns with each other."""
+    sums: Array
+    """(n, 1 + d, c) products with the whitened residuals, and with those of ``d`` draws of independent
+    noise."""
 
     def test(self, kinds: Sequence[Kind], given: Sequence[Kind]) -> _Test:
         """Test kinds together, after the elimination of those that are ``given``."""
-        column = np.hstack([self.columns[kind] for kind in kinds])
-        left: Sequence[Array] = [self.left, *self.white.T]
-        if given:
-            known = np.hstack([self.columns[kind] for kind in given])
-            both = np.column_stack([column, *left])
-            both -= known @ np.linalg.lstsq(known, both, rcond=None)[0]
-            column, left = both[:, : column.shape[1]], [*both[:, column.shape[1] :].T]
-        value, vector = np.linalg.eigh(column.T @ column)
-        observed = value > _ROUNDING * value[-1]
+        squares, sums = self.squares.sum(axis=0), self.sums.sum(axis=0)
+        tested, known = self._places(kinds), self._places(given)
+        # Of each tested column and of the residuals, the multiples of the known columns that come off.
+        column, left = (_multiples(squares, known, each) for each in (squares[:, tested], sums.T))
+        taken = np.zeros((len(squares), len(tested)))
+        taken[tested, np.arange(len(tested))] = 1.0
+        taken[known] -= column
+        value, vector = np.linalg.eigh(taken.T @ squares @ taken)
+        observed = value > _ROUNDING * np.linalg.eigvalsh(squares[np.ix_(tested, tested)])[-1]
+        if not observed.any():  # those that are given say the same
+            return _Test(1.0, np.zeros(len(tested)), np.full((len(tested),) * 2, np.inf))
         whiten = vector[:, observed] / np.sqrt(value[observed])
-        count = int(self.picture.max()) + 1
-        along = column @ whiten
-        # One column after the other: all rows of all draws would be needed once more for each coefficient.
-        sums = [[np.bincount(self.picture, one * c, count) for c in along.T] for one in left]
-        each = np.array(sums).transpose(2, 0, 1)
+        each = (self.sums - left.T @ self.squares[:, known]) @ (taken @ whiten)
+        count = len(each)
         total = each[:, 0].sum(axis=0)
         each -= each.mean(axis=0)
         real, white = each[:, 0], each[:, 1:]
@@ -175,9 +175,12 @@ class _Scores:
 
     def largest_std(self, kind: Kind) -> float:
         """Return the standard deviation of the least certain coefficient, at the noise of the model."""
-        column = self.columns[kind]
-        least = float(np.linalg.eigvalsh(column.T @ column)[0])
+        at = self.columns[kind]
+        least = float(np.linalg.eigvalsh(self.squares.sum(axis=0)[np.ix_(at, at)])[0])
         return 1.0 / np.sqrt(least) if least > 0 else np.inf
+
+    def _places(self, kinds: Sequence[Kind]) -> list[int]:
+        return [place for kind in kinds for place in self.columns[kind]]
 
     def search(self) -> tuple[tuple[Kind, ...], tuple[Kind, ...]]:
         """Return the kinds of errors, the strongest first, and other kinds that could replace one of them.
@@ -207,36 +210,70 @@ class _Scores:
         return self.test([kind], [other for other in given if other != kind]).p_value
 
 
+def _multiples(squares: Array, known: Sequence[int], products: Array) -> Array:
+    """Return the multiples (k, v) of known columns nearest to vectors, whose products with all columns are
+    ``products`` (c, v), in least squares."""
+    own = squares[np.ix_(known, known)]
+    unit = 1.0 / np.sqrt(np.diag(own))
+    inverse = np.linalg.pinv(unit[:, None] * own * unit, rcond=_PARALLEL, hermitian=True)
+    return unit[:, None] * (inverse @ (unit[:, None] * products[known]))
+
+
 def _eliminate(optimum: BundleOptimum) -> tuple[_Scores, Mapping[Kind, Array]]:
     """Return the scores, and the displacements (n, 6, c) of metric poses by a unit of each coefficient."""
-    jacobian, left, reduced = optimum.eliminated()
+    added = added_columns(optimum)  # before the system is in memory: its derivatives are as large
+    linear, reduced = optimum.eliminated()
 
     def absorbed_by_fit(column: Array) -> tuple[Array, Array]:
         """Return what all variables absorb of columns, and the change of those of the pose side."""
-        gradient = np.asarray(jacobian.T @ column)
-        by_pose, by_point = reduced.solve(gradient[: reduced.size], gradient[reduced.size :])
-        return jacobian @ np.vstack([by_pose, by_point]), by_pose
+        by_pose, by_point = reduced.solve(*linear.transposed_times(column))
+        return linear.times(by_pose, by_point), by_pose
 
-    added = added_columns(optimum, jacobian)
-    to_metres = metric_jacobians(optimum.problem, optimum.values)
-    n = len(to_metres)
-    columns: dict[Kind, Array] = {}
+    moves = _moves(optimum)
+    kept: list[Array] = []
+    places: dict[Kind, list[int]] = {}
     moved: dict[Kind, Array] = {}
     for kind, column in added.columns.items():
+        before = np.sum(column**2, axis=0)
         fitted, change = absorbed_by_fit(column)
-        rest = column - fitted
-        if (np.sum(rest**2, axis=0) <= _ROUNDING * np.sum(column**2, axis=0)).all():
+        column -= fitted
+        if (np.sum(column**2, axis=0) <= _ROUNDING * before).all():
             continue
-        columns[kind] = rest
-        poses = change[optimum.structure.columns_of([POSE(k) for k in range(n)])]
-        world = change[optimum.structure.columns(WORLD)]
-        moved[kind] = -to_metres @ np.concatenate([poses, np.repeat(world[None], n, axis=0)], axis=1)
-    white = np.random.default_rng(0).standard_normal((len(left), _DRAWS))
-    at_once = columns_at_once(len(left), _DRAWS)
+        places[kind] = [*range(len(kept), len(kept) + column.shape[1])]
+        kept += [*column.T]
+        moved[kind] = moves(change)
+    count = int(added.keyframe.max()) + 1
+    sums = [_by_picture(linear.right[:, None], kept, added.keyframe, count)]
+    rng, rows = np.random.default_rng(0), len(linear.right)
+    at_once = columns_at_once(rows, _DRAWS)
     for begin in range(0, _DRAWS, at_once):
-        some = white[:, begin : begin + at_once]
-        some -= absorbed_by_fit(some)[0]
-    return _Scores(columns, left, white, added.keyframe), moved
+        # Draw by draw, so that they are the same however many there are at once.
+        white = np.ascontiguousarray(rng.standard_normal((min(at_once, _DRAWS - begin), rows)).T)
+        white -= absorbed_by_fit(white)[0]
+        sums.append(_by_picture(white, kept, added.keyframe, count))
+    squares = np.concatenate([_by_picture(c[:, None], kept, added.keyframe, count) for c in kept], axis=1)
+    return _Scores(places, squares, np.concatenate(sums, axis=1)), moved
+
+
+def _by_picture(left: Array, columns: Sequence[Array], picture: NDArray[np.int64], count: int) -> Array:
+    """Return the products (count, d, c) of vectors (rows, d) and columns, summed picture by picture."""
+    sums = [[np.bincount(picture, one * column, count) for column in columns] for one in left.T]
+    return np.array(sums).transpose(2, 0, 1)
+
+
+def _moves(optimum: BundleOptimum) -> Callable[[Array], Array]:
+    """Return the function from changes (size, c) of the pose side to displacements (n, 6, c) of the metric
+    poses that these errors make."""
+    to_metres = metric_jacobians(optimum.problem, optimum.values)
+    n = len(to_metres)
+    of_poses = optimum.structure.columns_of([POSE(k) for k in range(n)])
+
+    def moved(change: Array) -> Array:
+        world = change[optimum.structure.columns(WORLD)]
+        both = np.concatenate([change[of_poses], np.repeat(world[None], n, axis=0)], axis=1)
+        return np.asarray(-to_metres @ both)
+
+    return moved
 
 
 _ATTITUDE, _POSITION = np.diag([1.0, 1, 1, 0, 0, 0]), np.diag([0.0, 0, 0, 1, 1, 1])

@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from backend import se3
 from backend.bundle.factors import LOG_SCALE, WORLD
@@ -18,6 +17,7 @@ from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import distorted
 from backend.measurements import LensModel
+from backend.pose_graph.linear import jacobian
 
 Array = NDArray[np.float64]
 Kind = Literal["radial", "decentring", "principal point", "position offset"]
@@ -60,18 +60,19 @@ class AddedColumns:
     """(rows,) keyframe of each row; 0 for rows that belong to none."""
 
 
-def added_columns(optimum: BundleOptimum, jacobian: csr_array) -> AddedColumns:
+def added_columns(optimum: BundleOptimum) -> AddedColumns:
     """Return the columns for the lens and, where there are positions, for an offset in body axes.
 
     The offset is forward and left. Upward it would be one of the world's height, which is free.
 
     They are whitened, with the weights of the robust losses, in the order of the rows of
-    ``jacobian``, that of `LinearSystem.jacobian` at the optimum.
+    `LinearSystem.jacobian` at the optimum.
     """
-    columns = _of_pixels(optimum, jacobian.shape[0])
+    picture = row_pictures(optimum)
+    columns = _of_pixels(optimum, len(picture))
     if optimum.problem.measurements.positions:
-        columns["position offset"] = _of_positions(optimum, jacobian)
-    return AddedColumns(columns, np.maximum(row_pictures(optimum), 0))
+        columns["position offset"] = _of_positions(optimum, len(picture))
+    return AddedColumns(columns, np.maximum(picture, 0))
 
 
 def row_pictures(optimum: BundleOptimum) -> NDArray[np.int64]:
@@ -96,14 +97,15 @@ def _of_pixels(optimum: BundleOptimum, rows: int) -> dict[Kind, Array]:
     return columns
 
 
-def _of_positions(optimum: BundleOptimum, jacobian: csr_array) -> Array:
+def _of_positions(optimum: BundleOptimum, rows: int) -> Array:
     """Return the columns (rows, 2): an offset moves a position as a motion of the camera does."""
     factors = optimum.cost.pose_side
     mine = np.flatnonzero(factors.rows_of("position"))
     scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
     c_T_b = se3.inverse(optimum.problem.b_T_c(optimum.values))
-    columns, begin = np.zeros((jacobian.shape[0], 2)), jacobian.shape[0] - len(factors.keyframes)
-    by_row, of_pose_side = jacobian[begin:, : optimum.structure.elimination.size], columns[begin:]
+    columns = np.zeros((rows, 2))
+    of_pose_side = columns[rows - len(factors.keyframes) :]
+    by_row = jacobian(factors.graph, optimum.values, optimum.structure.by_key).tocsr()
     for row, k in zip(mine.tolist(), factors.keyframes[mine].tolist(), strict=True):
         along = by_row[[row]].toarray()[0, optimum.structure.columns(POSE(k))][3:]
         of_pose_side[row] = along @ c_T_b[:3, :2] / scale

@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import X as POSE
 from backend.bundle.factors import WORLD
 from backend.bundle.minimise import BundleCost, minimise_bundle
 from backend.bundle.problem import Variables
-from backend.bundle.reduced_system import Structure
+from backend.bundle.structure import Structure
 from tests.backend.bundle.factor_graph import all_values, factor_graph
 from tests.backend.bundle.posed_costs import posed
 
@@ -71,6 +71,20 @@ def test_the_linear_system_is_that_of_gtsam(case: dict) -> None:
     np.testing.assert_allclose(ours.T @ ours, unit.T @ unit, atol=1e-9)
     np.testing.assert_allclose(ours.T @ b, unit.T @ right, atol=1e-9 * np.linalg.norm(right))
     assert linear.error == pytest.approx(0.5 * float(right @ right), rel=1e-12)
+
+
+@cases
+def test_products_with_the_jacobian_need_it_not_as_a_whole(case: dict, monkeypatch) -> None:
+    monkeypatch.setattr("backend.bundle.reduced_system._OBSERVATIONS_AT_ONCE", 7)
+    cost, at = posed(**case)
+    linear = cost.linearise(at, cost.structure(at))
+    J, b = linear.jacobian()
+    x, y = (np.random.default_rng(0).normal(size=(count, 3)) for count in J.shape[::-1])
+    by_pose, by_point = np.split(x, [linear.structure.elimination.size])
+    scale = np.sqrt((J**2).sum(axis=0)).max()
+    np.testing.assert_allclose(linear.times(by_pose, by_point), J @ x, atol=1e-12 * scale)
+    np.testing.assert_allclose(np.vstack(linear.transposed_times(y)), J.T @ y, atol=1e-12 * scale)
+    np.testing.assert_allclose(np.concatenate(linear.gradient), J.T @ b, atol=1e-11 * scale)
 
 
 def gtsam_jacobian(cost: BundleCost, at: Variables) -> tuple[np.ndarray, np.ndarray]:

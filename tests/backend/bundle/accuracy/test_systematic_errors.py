@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from backend.bundle.accuracy.systematic_errors import SystematicErrors, _eliminate, error_test
+from backend.bundle.accuracy.systematic_errors import (
+    SystematicErrors,
+    _by_picture,
+    _eliminate,
+    _Scores,
+    error_test,
+)
 from backend.bundle.accuracy.systematic_terms import LENS_KINDS, lens_displacement
 from backend.bundle.reduced_system import columns_at_once
 from backend.bundle.refinement import Bundle, refine
@@ -173,13 +179,49 @@ def test_covariances_that_are_not_known_leave_nothing_to_compare() -> None:
 
 def test_draws_of_large_maps_are_solved_for_a_few_at_a_time_and_are_the_same(monkeypatch):
     bundle = solved(make(SCENES["few pictures"], 0))
-    at_once = _eliminate(bundle.optimum)[0].white
-    monkeypatch.setattr("backend.bundle.reduced_system.MOST_NUMBERS", 3 * len(at_once))
-    assert columns_at_once(len(at_once), 16) == 3
-    np.testing.assert_allclose(_eliminate(bundle.optimum)[0].white, at_once, atol=1e-9)
+    at_once, rows = _eliminate(bundle.optimum)[0].sums, len(bundle.optimum.linearise().right)
+    monkeypatch.setattr("backend.bundle.reduced_system.MOST_NUMBERS", 3 * rows)
+    assert columns_at_once(rows, 16) == 3
+    np.testing.assert_allclose(_eliminate(bundle.optimum)[0].sums, at_once, atol=1e-9)
 
 
-def test_a_test_needs_less_memory_than_the_draws():
-    scores = _eliminate(solved(make(SCENES["few pictures"], 0)).optimum)[0]
-    kind = next(iter(scores.columns))
-    assert peak_bytes(lambda: scores.test([kind], ())) < scores.white.nbytes
+def test_no_two_draws_are_in_memory_where_one_is_as_large_as_is_allowed(monkeypatch):
+    bundle = solved(make(SCENES["few pictures"], 0))
+    peak, rows = peak_bytes(lambda: _eliminate(bundle.optimum)), len(bundle.optimum.linearise().right)
+    monkeypatch.setattr("backend.bundle.reduced_system.MOST_NUMBERS", rows)
+    assert peak_bytes(lambda: _eliminate(bundle.optimum)) < peak - 14 * rows * 8
+
+
+@pytest.mark.parametrize("given", [[], ["decentring"], ["radial", "decentring"]])
+def test_a_test_of_sums_by_picture_is_that_of_all_rows(given: list) -> None:
+    """The columns that are given come off by least squares over the rows, one of them almost a multiple."""
+    rng, rows, pictures = np.random.default_rng(0), 600, 12
+    picture = rng.integers(0, pictures, rows)
+    columns = rng.normal(size=(rows, 6)) * [1.0, 30.0, 1e-3, 1.0, 1.0, 5.0]
+    columns[:, 4] = columns[:, 0] + 1e-3 * rng.normal(size=rows)
+    left = rng.normal(size=(rows, 9)) + 0.05 * columns[:, 4:5]
+    places = {"radial": [0, 1], "decentring": [2, 3], "principal point": [4, 5]}
+    squares, sums = (_by_picture(each, [*columns.T], picture, pictures) for each in (columns, left))
+    found = _Scores(places, squares, sums).test(["principal point"], given)
+    known = columns[:, [at for kind in given for at in places[kind]]]
+    tested, residuals = (
+        each - known @ np.linalg.lstsq(known, each, rcond=None)[0] for each in (columns[:, 4:], left)
+    )
+    information = tested.T @ tested
+    np.testing.assert_allclose(
+        found.coefficients, np.linalg.solve(information, tested.T @ residuals[:, 0]), rtol=1e-6
+    )
+    # Covariances are those of the model times a design effect of at least 1.
+    effect = found.covariance @ information
+    np.testing.assert_allclose(effect, effect[0, 0] * np.eye(2), atol=1e-6)
+    assert effect[0, 0] > 0.1
+
+
+def test_a_kind_that_others_explain_wholly_is_no_error() -> None:
+    rng, picture = np.random.default_rng(1), np.arange(300) // 30
+    one = rng.normal(size=(300, 2))
+    columns = np.hstack([one, one @ [[2.0, 1.0], [0.0, 3.0]]])
+    squares, sums = (_by_picture(e, [*columns.T], picture, 10) for e in (columns, rng.normal(size=(300, 5))))
+    scores = _Scores({"radial": [0, 1], "decentring": [2, 3]}, squares, sums)
+    assert scores.test(["decentring"], ["radial"]).p_value == 1.0
+    assert scores.test(["decentring"], []).p_value < 1.0
