@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.minimise import BundleCost, BundleMinimum
-from backend.bundle.problem import BundleProblem, NoiseLevels, Variables
+from backend.bundle.problem import Variables
 from backend.pose_graph.descent import OnStep
 
 Array = NDArray[np.float64]
@@ -100,28 +100,26 @@ def use_checkpoints(checkpoints: MinimumCheckpoints) -> Iterator[None]:
 
 
 def minimum_of(
-    cost_of: tuple[BundleProblem, NoiseLevels, NDArray[np.bool_], gtsam.Values],
+    cost: BundleCost,
+    unobserved: gtsam.Values,
     start: Variables,
     limits: tuple[int, float],
     work: Callable[[BundleCost, Variables, int, float, OnStep | None], BundleMinimum],
     on_step: OnStep | None,
-) -> tuple[BundleCost, BundleMinimum]:
-    """Return the cost of a round and its minimum; ``work``, such as `minimise_bundle`, finds what is not
-    known.
+) -> BundleMinimum:
+    """Return the minimum of a round; ``work``, such as `minimise_bundle`, finds what is not known.
 
-    ``cost_of``: the inputs of `BundleCost.of`. ``limits``: those of ``work``.
+    ``unobserved`` holds what nothing observes in the ``cost``. ``limits``: those of ``work``.
     """
-    cost, checkpoints = BundleCost.of(*cost_of), _in_use.get()
-    at, unobserved = (
-        PlainValues.of(values) if checkpoints else None for values in (start.values, cost_of[3])
-    )
-    if checkpoints is None or at is None or unobserved is None:
-        return cost, work(cost, start, *limits, on_step)
-    made_of = *cost_of[:3], unobserved, at, start.point, limits
+    checkpoints = _in_use.get()
+    held, at = (PlainValues.of(values) if checkpoints else None for values in (unobserved, start.values))
+    if checkpoints is None or held is None or at is None:
+        return work(cost, start, *limits, on_step)
+    made_of = cost.problem, cost.noise, cost.used, held, at, start.point, limits
     known = checkpoints.recall(made_of)
     values = known.values.put_into(start.values) if known is not None else None
     if known is not None and values is not None:
-        found = BundleMinimum(
+        return BundleMinimum(
             error=known.error,
             initial_error=known.initial_error,
             iterations=known.iterations,
@@ -130,10 +128,9 @@ def minimum_of(
             at=Variables(values, known.point),
             structure=cost.structure(start),
         )
-        return cost, found
     found = work(cost, start, *limits, on_step)
     plain = PlainValues.of(found.at.values)
     if plain is not None:
         outcome = found.error, found.initial_error, found.iterations, found.converged, found.reason
         checkpoints.keep(made_of, PlainMinimum(plain, found.at.point, *outcome))
-    return cost, found
+    return found

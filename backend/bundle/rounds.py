@@ -16,7 +16,7 @@ from backend.bundle.ground_below import over_ground
 from backend.bundle.inertial.graph import without_unused
 from backend.bundle.inertial_noise import estimate_inertial_noise
 from backend.bundle.lens import is_uncertain
-from backend.bundle.minimise import COARSE, FINE, BundleMinimum, BundleOptimum, minimise_bundle
+from backend.bundle.minimise import COARSE, FINE, BundleCost, BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import TOLERANCE, estimate_noise, same_noise
 from backend.bundle.problem import BundleProblem, NoiseLevels, Variables
 from backend.bundle.rolling_shutter import corrected_rows
@@ -89,8 +89,8 @@ def solve_rounds(
         last = settled or number + 1 == config.rounds
         # From a level start, a hillside takes more steps than others to be found.
         limits = FINE if last or wide is _Prior.SLOPE else COARSE
-        made_of = now.problem, now.noise, now.used, start
-        cost, minimum = minimum_of(made_of, now.at, limits, minimise_bundle, on_step)
+        cost = BundleCost.of(now.problem, now.noise, now.used, start)
+        minimum = minimum_of(cost, start, now.at, limits, minimise_bundle, on_step)
         optimum = BundleOptimum(cost, minimum.at, minimum.structure)
         iterations += minimum.iterations
         if last:

@@ -45,29 +45,26 @@ def test_each_input_of_a_round_counts(monkeypatch):
     made = make(SCENES["gps"], 0)
     with pytest.raises(StoppedError):
         refine(made.measurements, made.start, made.floor_z_m)
-    (problem, noise, used, unobserved), start, limits, *_ = given[0]
-    fewer, held, moved = used.copy(), gtsam.Values(unobserved), gtsam.Values(start.values)
+    cost, unobserved, start, limits, *_ = given[0]
+    fewer, held, moved = cost.used.copy(), gtsam.Values(unobserved), gtsam.Values(start.values)
     fewer[0] = False
     held.insert(gtsam.symbol("z", 9), np.zeros(1))
     key = start.values.keys()[-1]
     moved.update(key, gtsam.Pose3())
+    shorter = replace(cost.problem, config=replace(cost.problem.config, rounds=9))
     inputs = [
-        ((problem, noise, used, unobserved), start, limits),
-        (
-            (replace(problem, config=replace(problem.config, rounds=9)), noise, used, unobserved),
-            start,
-            limits,
-        ),
-        ((problem, replace(noise, pixel_scale=9.0), used, unobserved), start, limits),
-        ((problem, noise, fewer, unobserved), start, limits),
-        ((problem, noise, used, held), start, limits),
-        ((problem, noise, used, unobserved), replace(start, values=moved), limits),
-        ((problem, noise, used, unobserved), replace(start, point=start.point + 1e-9), limits),
-        ((problem, noise, used, unobserved), start, (limits[0] + 1, limits[1])),
+        (cost, unobserved, start, limits),
+        (replace(cost, problem=shorter), unobserved, start, limits),
+        (replace(cost, noise=replace(cost.noise, pixel_scale=9.0)), unobserved, start, limits),
+        (replace(cost, used=fewer), unobserved, start, limits),
+        (cost, held, start, limits),
+        (cost, unobserved, replace(start, values=moved), limits),
+        (cost, unobserved, replace(start, point=start.point + 1e-9), limits),
+        (cost, unobserved, start, (limits[0] + 1, limits[1])),
     ]
     asked = Asked()
     with use_checkpoints(asked):
-        for cost_of, at, until in inputs:
+        for of in inputs:
             with pytest.raises(StoppedError):
-                minimum_of(cost_of, at, until, noted, None)
+                minimum_of(*of, noted, None)
     assert len(asked.keys) == len(inputs)
