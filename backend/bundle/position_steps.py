@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.factors import OFFSET, WORLD
 from backend.bundle.minimise import BundleOptimum
+from backend.bundle.reduced_system import columns_at_once
 from backend.quantiles import chi_square_limit
 from backend.significance import FALSE_ALARM, RIVAL_CHI_SQUARE, SURE_SIGMAS
 from backend.sparse_cholesky import SingularMatrixError
@@ -66,36 +67,46 @@ def position_step(optimum: BundleOptimum) -> PositionStep | None:
     steps = n - 2 * _LEAST_BESIDE + 1
     tried = np.unique(np.linspace(0, steps - 1, min(steps, _MOST_STEPS)).astype(int))
     first = np.sort(keyframes)[_LEAST_BESIDE + tried]
-    is_later = np.repeat(keyframes[:, None] >= first, 3, axis=0)
-    later = (is_later[:, :, None] * aside[:, None, :]).reshape(len(rows), -1)
-    right = np.asarray(jacobian.T @ later)
-    squares, absorbed = later.T @ later, right.T @ factor.solve(right)
-    share = float(np.trace(absorbed) / np.trace(squares))
+    each = columns_at_once(factor.elimination.size, _MOST_STEPS * len(axes)) // len(axes)
+    parts = []
+    for some in np.split(first, np.arange(max(each, 1), len(first), max(each, 1))):
+        is_later = np.repeat(keyframes[:, None] >= some, 3, axis=0)
+        later = is_later[:, :, None] * aside[:, None, :]
+        right = np.asarray(jacobian.T @ later.reshape(len(rows), -1))
+        solved = factor.solve(right).reshape(-1, *later.shape[1:])
+        absorbed = _step_by_step(right.reshape(solved.shape), solved)
+        parts.append((_step_by_step(later, later), absorbed, -np.einsum("rsa,r->sa", later, residuals)))
+    squares, absorbed, score = (np.concatenate(part) for part in zip(*parts, strict=True))
+    share = float(np.einsum("saa->", absorbed) / np.einsum("saa->", squares))
     if share < _HELD:
         return None
     # Noise that came out smaller than stated may be so by chance: few residuals are left to tell it.
     stated_m = np.median([p.std_m[axes] for p in positions], axis=0)
     chance = 1.0 + SURE_SIGMAS / np.sqrt(2.0 * max((1.0 - share) * n * len(axes), 1.0))
     doubt = float(np.clip(np.max(stated_m / optimum.noise.position_m[axes]), 1.0, chance))
-    left, score = squares - absorbed, -later.T @ residuals
-    return _largest(first, squares / doubt**2, left / doubt**2, score / doubt**2)
+    return _largest(first, squares / doubt**2, (squares - absorbed) / doubt**2, score / doubt**2)
+
+
+def _step_by_step(one: Array, other: Array) -> Array:
+    """Return the products (s, d, d) of columns (rows, s, d) with the others of the same step."""
+    return np.asarray(one.transpose(1, 2, 0) @ other.transpose(1, 0, 2))
 
 
 def _largest(keyframes: NDArray[np.int64], squares: Array, left: Array, score: Array) -> PositionStep | None:
     """Return the step with the largest score beyond chance, of those at ``keyframes`` (s,).
 
-    ``left`` (d s, d s) is the information of the steps along d axes, which had ``squares`` (d s, d s) before
-    elimination. Of scores that are equally good, that of the step nearest to the middle counts.
+    ``left`` (s, d, d) is the information of the steps along d axes, which had ``squares`` (s, d, d) before
+    elimination, and ``score`` (s, d). Of scores that are equally good, that of the step nearest to the middle
+    counts.
     """
-    d = len(score) // len(keyframes)
+    d = score.shape[1]
     steps, statistics = [], []
     for at, keyframe in enumerate(keyframes.tolist()):
-        own = slice(d * at, d * at + d)
-        if np.linalg.eigvalsh(left[own, own])[0] <= _SEEN * squares[own, own].trace():
+        if np.linalg.eigvalsh(left[at])[0] <= _SEEN * squares[at].trace():
             continue
-        covariance = np.linalg.inv(left[own, own])
-        steps.append((at, PositionStep(keyframe, covariance @ score[own], np.sqrt(np.diag(covariance)))))
-        statistics.append(float(score[own] @ covariance @ score[own]))
+        covariance = np.linalg.inv(left[at])
+        steps.append((at, PositionStep(keyframe, covariance @ score[at], np.sqrt(np.diag(covariance)))))
+        statistics.append(float(score[at] @ covariance @ score[at]))
     largest = max(statistics, default=0.0)
     if largest <= chi_square_limit(FALSE_ALARM / len(keyframes), d):
         return None

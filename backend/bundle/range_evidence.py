@@ -213,12 +213,12 @@ class _Solution:
         own = self.reduced.solve(unit, np.zeros(len(self.by_point)))
         share = -float(weights @ self.per_share[0][columns]) / self.precision
         change = [each - share * away for each, away in zip(own, self.per_share, strict=True)]
-        jacobian, right = self.freed.linear.jacobian()
+        linear, right = self.freed.linear, self.freed.linear.right
+        both = zip(change, (self.by_pose, self.by_point), strict=True)
+        influence, fitted = linear.times(*(np.column_stack(pair) for pair in both)).T
         ground = np.zeros(len(right))
         ground[len(right) - len(self.freed.ground) :] = self.freed.ground
-        influence = jacobian @ np.concatenate(change) + share * ground
-        left = right - jacobian @ np.concatenate([self.by_pose, self.by_point]) - self.share * ground
-        return np.asarray(influence), np.asarray(left)
+        return influence + share * ground, right - fitted - self.share * ground
 
 
 def _weighted(linear: LinearSystem, weight: Array) -> LinearSystem:

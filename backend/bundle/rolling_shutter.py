@@ -147,19 +147,16 @@ def readout_test(optimum: BundleOptimum) -> ReadoutTest | None:
         problem, at = _with_free_readout(problem, at, motion)
     cost = _doubting_cost(problem, optimum, at)
     doubted = replace(optimum, cost=cost, at=at, structure=cost.structure(at))
-    linear = doubted.linearise()
-    gradient = linear.gradient
     try:
-        (jacobian, residuals), reduced = linear.jacobian(), linear.eliminate()
+        linear, reduced = doubted.eliminated()
     except SingularMatrixError:
         return None
-    del linear  # its blocks are nearly as large as the Jacobian
-    step, _ = reduced.solve(*gradient)
+    step, _ = reduced.solve(*linear.gradient)
     columns = reduced.structure.columns(READOUT)
     unit = np.zeros((reduced.size, 1))
     unit[columns] = 1.0
-    change = reduced.solve(unit, np.zeros((jacobian.shape[1] - reduced.size, 1)))
-    effect = design_effect(doubted, np.asarray(jacobian @ np.vstack(change))[:, 0], residuals)
+    change = reduced.solve(unit, np.zeros((at.point.size, 1)))
+    effect = design_effect(doubted, linear.times(*change)[:, 0], linear.right)
     found = _readout_s(motion, at.values) + float(step[columns][0])
     # The prior is no residual of the pictures.
     precision = (1.0 / float(change[0][columns][0, 0]) - PRIOR_STD_S**-2.0) / effect
