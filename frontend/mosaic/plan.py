@@ -73,9 +73,14 @@ class MosaicPlan(MosaicGrid):
         )
         return tuple(view for view in views if isinstance(view, MosaicView))
 
-    def pixels(self, view: MosaicView, lattice: Lattice) -> tuple[Float32, Float32, Mask]:
-        """Return the pixel (u, v) of the ground at each node, and whether the picture sees it."""
-        u, v, seen = ground_seen(self.camera, view, lattice, self.surface)
+    def pixels(
+        self, view: MosaicView, lattice: Lattice, hidden_too: bool = False
+    ) -> tuple[Float32, Float32, Mask]:
+        """Return the pixel (u, v) of the ground at each node, and whether the picture sees it.
+
+        ``hidden_too``: whether ground counts as seen that higher ground hides.
+        """
+        u, v, seen = ground_seen(self.camera, view, lattice, self.surface, hidden_too)
         w, h = self.camera.size_px
         return u, v, seen & (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
 

@@ -8,7 +8,7 @@ blending covers a margin wide enough that the border of the tile is not visible.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -238,20 +238,19 @@ def _own_the_rest(
     pad = SOFT_CELLS + 1
     inner = cells[pad:-pad, pad:-pad] >= 0
     shown = np.repeat(np.repeat(inner, CELL_PX, axis=0), CELL_PX, axis=1)
-    for surface in (plan.surface, None):
+    for hidden_too in (False, True):
         r, c = np.nonzero((owner < 0) & shown)
         if len(r) == 0:
             return
         box = slice(r.min(), r.max() + 1), slice(c.min(), c.max() + 1)
         part = owner[box]
         lattice = plan.lattice(window.row + int(r.min()), window.col + int(c.min()), *part.shape)
-        ground = replace(plan, surface=surface)
         for index in _nearest_first(plan, lattice):
             missing = (part < 0) & shown[box]
             if not missing.any():
                 break
             if pictures[index] is not None:
-                part[missing & ground.pixels(plan.views[index], lattice)[2]] = index
+                part[missing & plan.pixels(plan.views[index], lattice, hidden_too)[2]] = index
 
 
 def _nearest_first(plan: MosaicPlan, lattice: Lattice) -> list[int]:

@@ -43,7 +43,10 @@ class HeightSource(IntEnum):
 @dataclass(frozen=True)
 class Surface:
     """Heights over the floor on a lattice; cell (r, c) has its centre at x = west + (c + 1/2) cell,
-    y = north - (r + 1/2) cell."""
+    y = north - (r + 1/2) cell.
+
+    Beyond its cells the ground is as high as at its border: a mosaic ends on whole cells of its own.
+    """
 
     west_m: float
     north_m: float
@@ -72,26 +75,27 @@ class Surface:
         return blake2b(place.encode() + self.height_m.tobytes(), digest_size=16).digest()
 
     def heights(self, lattice: Lattice) -> Float32 | None:
-        """Return the interpolated heights (rows, cols) at the nodes of a lattice, 0 beyond the surface.
+        """Return the interpolated heights (rows, cols) at the nodes of a lattice.
 
         None where all of them are 0, so that the floor's homography describes the ground.
         """
-        heights = self._on(lattice, self.height_m, cv2.INTER_LINEAR)
+        heights = self._on(lattice, self.height_m, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
         return heights if heights.any() else None
 
     def nearest(self, lattice: Lattice, values: Float32) -> Float32:
         """Return (rows, cols) values of the cells, on the surface's own lattice, that hold the nodes of
         another one; NaN beyond the surface."""
-        return self._on(lattice, values, cv2.INTER_NEAREST, np.nan)
+        return self._on(lattice, values, cv2.INTER_NEAREST, cv2.BORDER_CONSTANT)
 
-    def _on(self, lattice: Lattice, values: Float32, how: int, beyond: float = 0.0) -> Float32:
+    def _on(self, lattice: Lattice, values: Float32, how: int, border: int) -> Float32:
         step = lattice.step_m / self.cell_m
         left = (lattice.x0_m - self.west_m) / self.cell_m - 0.5
         above = (self.north_m - lattice.y0_m) / self.cell_m - 0.5
         cell_H_node = np.array([[step, 0.0, left], [0.0, step, above]])
         size = (lattice.cols, lattice.rows)
+        flags = how | cv2.WARP_INVERSE_MAP
         return np.asarray(
-            cv2.warpAffine(values, cell_H_node, size, flags=how | cv2.WARP_INVERSE_MAP, borderValue=beyond)
+            cv2.warpAffine(values, cell_H_node, size, flags=flags, borderMode=border, borderValue=np.nan)
         )
 
     def hidden(self, view: MosaicView, lattice: Lattice) -> Mask:
@@ -142,11 +146,11 @@ class Surface:
         return np.asarray(np.rint(angle * np.float32((lines - 1) / (2 * np.pi))), np.int64)
 
     def _at(self, x_m: Float32, y_m: Float32) -> Float32:
-        """Return the interpolated heights at positions, 0 beyond the surface."""
+        """Return the interpolated heights at positions."""
         half, cell_m = np.float32(0.5), np.float32(self.cell_m)
         c = (x_m - np.float32(self.west_m)) / cell_m - half
         r = (np.float32(self.north_m) - y_m) / cell_m - half
-        return np.asarray(cv2.remap(self.height_m, c, r, cv2.INTER_LINEAR))
+        return np.asarray(cv2.remap(self.height_m, c, r, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def ground_heights(surface: Surface | None, lattice: Lattice) -> Float32 | None:
@@ -164,14 +168,15 @@ def ground_maps(
 
 
 def ground_seen(
-    camera: Camera, view: MosaicView, lattice: Lattice, surface: Surface | None
+    camera: Camera, view: MosaicView, lattice: Lattice, surface: Surface | None, hidden_too: bool = False
 ) -> tuple[Float32, Float32, Mask]:
     """Return the pixel (u, v) of the ground at each node, and whether the lens sees it and nothing hides it.
 
-    The pixel may lie beside the picture.
+    The pixel may lie beside the picture. ``hidden_too``: whether ground counts as seen that higher ground
+    hides.
     """
     height_m = ground_heights(surface, lattice)
     seen, _, _ = visible(view, lattice, height_m)
-    if surface is not None:
+    if surface is not None and not hidden_too:
         seen &= ~surface.hidden(view, lattice)
     return *ground_maps(camera, view, lattice, height_m), seen

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
+from frontend.mosaic.extent import union
+from frontend.mosaic.plan import MosaicPlan, plan_mosaic
+from frontend.mosaic.surface import Surface
 
 Array = NDArray[np.float64]
 FLOOR_Z_M = 0.25
@@ -104,3 +107,16 @@ def survey(seed: int, rows: int = 3, cols: int = 4, spacing_m: float = 0.9, tilt
 
 CAMERA = Camera((200.0, 200.0), (99.5, 74.5), (200, 150))
 """At 2 m: 1 cm a pixel, 2 m by 1.5 m."""
+
+
+def over_depth(flat: MosaicPlan, poses: Array, depth_m: float) -> MosaicPlan:
+    """The same plan of a level floor, whose heights count from a floor that lies lower by ``depth_m``."""
+    bounds_m = {view.k: view.bounds_m for view in flat.all_views(poses)}
+    west, south, east, north = union(np.array(list(bounds_m.values())))
+    cell_m = 0.05
+    shape = int((north - south) / cell_m) + 1, int((east - west) / cell_m) + 1
+    height_m = np.full(shape, depth_m, np.float32)
+    surface = Surface(west, north, cell_m, height_m, np.zeros_like(height_m), np.zeros(shape, np.uint8))
+    return plan_mosaic(
+        flat.camera, poses, flat.floor_z_m - depth_m, flat.gsd_m, surface=surface, bounds_m=bounds_m
+    )

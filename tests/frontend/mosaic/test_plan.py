@@ -13,7 +13,7 @@ from frontend.camera import Camera
 from frontend.mosaic.canvas import CELL_PX, MosaicError
 from frontend.mosaic.plan import SUFFICIENT_RATIO, MosaicPlan, plan_mosaic
 from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, pixel_maps, visible
-from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, pose, survey
+from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, over_depth, pose, survey
 
 WIDE = Camera((90.0, 95.0), (101.0, 73.0), (200, 150), (-0.2, 0.05, 0.003, -0.002))
 
@@ -251,6 +251,12 @@ def test_raised_ground_is_seen_as_a_floor_at_its_height_is() -> None:
         assert 0 < raised[0].sum() < 3600
         for one, other in zip(raised, floor, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("depth_m", [0.4, 2.0])
+def test_ground_beyond_a_surface_is_as_high_as_at_its_border(depth_m: float) -> None:
+    flat = plan_mosaic(CAMERA, poses := hover(0, 3), FLOOR_Z_M)
+    np.testing.assert_array_equal(over_depth(flat, poses, depth_m).owner >= 0, flat.owner >= 0)
 
 
 def test_the_grid_of_the_exposure_is_made_once() -> None:

@@ -15,7 +15,16 @@ from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan, plan_mosaic
 from frontend.mosaic.render import measure_exposure, render_tile, render_tiles
-from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, Floor, photograph, pose, smooth_floor, survey
+from tests.frontend.mosaic.scene import (
+    CAMERA,
+    FLOOR_Z_M,
+    Floor,
+    over_depth,
+    photograph,
+    pose,
+    smooth_floor,
+    survey,
+)
 
 LENS = dataclasses.replace(CAMERA, distortion=(-0.12, 0.03, 0.002, -0.001))
 
@@ -106,6 +115,17 @@ def test_coverage_is_the_union_of_the_footprints() -> None:
     assert not (covered & ~cv2.dilate(union, np.ones((3, 3))).astype(bool)).any()
     missing = cv2.erode(union, np.ones((3, 3))).astype(bool) & ~covered
     assert missing.mean() < 2e-4
+
+
+def test_coverage_does_not_depend_on_where_heights_count_from() -> None:
+    floor, poses = smooth_floor(6), survey(2)
+    views = [photograph(floor, CAMERA, T) for T in poses]
+    flat = plan_mosaic(CAMERA, poses, FLOOR_Z_M, gsd_m=0.01)
+    plan = over_depth(flat, poses, 0.5)
+    assert (plan.width, plan.height) == (flat.width, flat.height)
+    shown, expected = (whole(each, Pictures(each, views.__getitem__))[..., 3] > 0 for each in (plan, flat))
+    # Whole cells are 16 pixels: those at the border are no more than touched by a picture.
+    assert np.count_nonzero(shown != expected) < 1e-3 * np.count_nonzero(expected)
 
 
 def test_tile_alone_equals_the_whole_without_visible_borders() -> None:
