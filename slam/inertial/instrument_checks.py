@@ -7,7 +7,7 @@ from slam.core.flight import Flight
 from slam.core.imu_at_rest import gravity_reading
 from slam.core.messages import Message
 from slam.core.repeated_readings import repeated_readings
-from slam.core.stream_anomalies import velocity_anomalies
+from slam.core.stream_anomalies import imu_axis_anomalies, velocity_anomalies
 from slam.inertial.attitude_check import attitude_contradictions
 from slam.inertial.drag_check import drag_contradiction
 from slam.inertial.imu_motion import COMPARED, ImuMotion
@@ -38,6 +38,7 @@ def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[Message]
     gravity = None if flight.imu is None else gravity_reading(flight.imu)
     lines = [
         gravity.warning if gravity is not None and gravity.is_missing else None,
+        *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
         changes,
         drag.line if drag is not None and drag.is_wind_excluded else None,
         clock_step_left(flight),
