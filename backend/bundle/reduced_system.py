@@ -20,7 +20,7 @@ from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, diags_array
 
 from backend.bundle.exposure_motion import READOUT
 from backend.bundle.observations import LinearObservations
-from backend.bundle.schur import add_camera_system, add_product, eliminate, transposed_product
+from backend.bundle.schur import add_camera_system, add_product, add_products, eliminate, transposed_product
 from backend.bundle.structure import Structure
 from backend.pose_graph.linear import linear_system
 from backend.sparse_cholesky import Blocks, Cholesky, factorise
@@ -115,8 +115,8 @@ class LinearSystem:
     def products(self, by_pose: Array, by_point: Array) -> Iterator[tuple[slice, Array]]:
         """Yield Jx of changes by the pose side (size, k) and the points (3t, k) for some rows at a time."""
         s, seen, k = self.structure, self.seen, by_pose.shape[1]
-        of_cameras, of_lens = by_pose[s.of_cameras].reshape(-1, 6, k), by_pose[s.of_calibration]
-        of_points = np.ascontiguousarray(by_point).reshape(-1, 3, k)
+        of_cameras, of_lens = by_pose[s.of_cameras].reshape(len(s.at) - 1, 6, k), by_pose[s.of_calibration]
+        of_points = np.ascontiguousarray(by_point).reshape(len(by_point) // 3, 3, k)
         for begin in range(0, len(s.camera), _OBSERVATIONS_AT_ONCE):
             some = slice(begin, begin + _OBSERVATIONS_AT_ONCE)
             part = seen.of_calibration[some] @ of_lens
@@ -139,10 +139,8 @@ class LinearSystem:
         """
         s, seen = self.structure, self.seen
         first, prior = s.observations.first, s.observations.prior_std**-2.0 + damping
-        y_pose, y_lens, inverse = eliminate(first, prior, seen.of_pose, seen.of_point, seen.of_calibration)
+        whitened, y_lens, inverse = eliminate(first, prior, seen.of_point, seen.of_calibration)
         y_lens = y_lens.reshape(3 * len(inverse), len(s.of_calibration))
-        shape = 3 * len(inverse), len(s.of_cameras)
-        y_cameras = bsr_array((y_pose, s.camera, first), shape=shape)
         size = s.elimination.size
         of_sensors = self.pose_side.T @ self.pose_side
         scale = of_sensors.diagonal() + damping
@@ -155,19 +153,20 @@ class LinearSystem:
         if len(s.of_calibration):
             C = self._of_calibration
             scale[s.of_calibration] += np.sum(C**2, axis=0)
-            mixed = self._of_cameras.T @ C - y_cameras.T @ y_lens
+            cameras = s.camera, s.observations.track, y_lens, len(s.at) - 1
+            mixed = self._of_cameras.T @ C - _across(seen.of_pose, whitened, *cameras)
             parts.append(self._with_calibration(mixed, C.T @ C - y_lens.T @ y_lens))
-        factor = factorise(s.elimination, parts, scale, self._of_camera_system(y_pose))
-        return ReducedSystem(s, factor, y_cameras, y_lens, inverse)
+        factor = factorise(s.elimination, parts, scale, self._of_camera_system(whitened))
+        return ReducedSystem(s, factor, seen.of_pose, whitened, y_lens, inverse)
 
-    def _of_camera_system(self, y_pose: Array) -> Blocks:
+    def _of_camera_system(self, whitened: Array) -> Blocks:
         """Return the reduced camera system, computed front by front."""
         s = self.structure
         seen = s.camera, s.observations.track, s.observations.first, s.by_camera, s.at, s.row, s.column
         place = s.of_cameras[::6].copy()
 
         def blocks(begin: int, end: int, where: Index, D: Array, B: Array) -> None:
-            add_camera_system(*seen, self.seen.of_pose, y_pose, place, begin, end, where, D, B)
+            add_camera_system(*seen, self.seen.of_pose, whitened, place, begin, end, where, D, B)
 
         return blocks
 
@@ -221,14 +220,28 @@ def _transposed(blocks: Array, row: Index, column: Index, vectors: Array, count:
     return product.reshape(count * blocks.shape[2], *vectors.shape[1:])
 
 
+def _across(left: Array, right: Array, row: Index, column: Index, vectors: Array, count: int) -> Array:
+    """Return the product (count a, ...) of the sum of all left' right with vectors (columns b, ...).
+
+    An observation has the blocks ``left`` (m, 2, a) and ``right`` (m, 2, b) at its ``row`` and ``column``.
+    """
+    width, shape = int(np.prod(vectors.shape[1:])), vectors.shape[1:]
+    columns = np.ascontiguousarray(vectors).reshape(len(vectors) // right.shape[2], right.shape[2], width)
+    product = np.zeros((count, left.shape[2], width))
+    add_products(left, right, row, column, columns, product)
+    return product.reshape(count * left.shape[2], *shape)
+
+
 @dataclass(frozen=True)
 class ReducedSystem:
     """Factorised normal equations, with the points eliminated."""
 
     structure: Structure
     factor: Cholesky
-    y_cameras: bsr_array
-    """(3t, 6n) L^-1 W' of the cameras."""
+    of_pose: Array
+    """(m, 2, 6) Jacobian of each observation by its pose."""
+    whitened: Array
+    """(m, 2, 3) that by its point, times L'^-1."""
     y_calibration: Array
     """(3t, q)."""
     inverse: Array
@@ -244,11 +257,12 @@ class ReducedSystem:
         s = self.structure
         left = self._each(self.inverse, by_point)
         u = np.array(by_pose)
-        y, track, cameras = self.y_cameras.data, s.observations.track, len(s.at) - 1
-        u[s.of_cameras] -= _transposed(y, track, s.camera, left, cameras)
+        track, cameras, points = s.observations.track, len(s.at) - 1, len(self.inverse)
+        u[s.of_cameras] -= _across(self.of_pose, self.whitened, s.camera, track, left, cameras)
         u[s.of_calibration] -= self.y_calibration.T @ left
         x = self.factor.solve(u)
-        left -= self.y_cameras @ x[s.of_cameras] + self.y_calibration @ x[s.of_calibration]
+        left -= _across(self.whitened, self.of_pose, track, s.camera, x[s.of_cameras], points)
+        left -= self.y_calibration @ x[s.of_calibration]
         return x, self._each(np.swapaxes(self.inverse, 1, 2), left)
 
     def _each(self, blocks: Array, vectors: Array) -> Array:

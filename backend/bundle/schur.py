@@ -2,9 +2,10 @@
 
 The normal equations of poses x and points p are [U W; W' V] (x, p) = (u, v), with V block diagonal, one
 3 x 3 block L L' for each point. Without the points they are S x = u - W V^-1 v with S = U - W V^-1 W', the
-reduced camera system. With Y = W L'^-1 of each observation, S_ij is U_ij less the products Y_i Y_j' over the
-common points of the keyframes i and j. A calibration that all pictures share is one more variable, of q
-numbers (0 if it is fixed).
+reduced camera system. An observation with the Jacobians J by its pose and P by its point adds J' P to W.
+With Q = P L'^-1, S_ij is U_ij less the products J_i' (Q_i Q_j') J_j over the common points of the keyframes
+i and j. W L'^-1 has the blocks J' Q, three times as large as Q, and is never in memory. A calibration that
+all pictures share is one more variable, of q numbers (0 if it is fixed).
 
 Observations are sorted by point: those of point t begin at ``first[t]``. ``by_camera`` (m,) sorts them by
 camera: those of camera i begin at ``at[i]``. Blocks of S are those of its upper triangle, row by row: row i
@@ -64,14 +65,14 @@ def _partners(
 
 @njit(cache=True)
 def eliminate(
-    first: Index, prior: Array, of_pose: Array, of_point: Array, of_calibration: Array
+    first: Index, prior: Array, of_point: Array, of_calibration: Array
 ) -> tuple[Array, Array, Array]:
-    """Return Y' of each observation (m, 3, 6), L^-1 W' of the calibration (t, 3, q), and L^-1 (t, 3, 3).
+    """Return Q of each observation (m, 2, 3), L^-1 W' of the calibration (t, 3, q), and L^-1 (t, 3, 3).
 
     ``prior`` (t, 3) is the information of the points' priors, added to the diagonal of V.
     """
     points, q = len(first) - 1, of_calibration.shape[2]
-    y_pose, y_calibration = np.empty((len(of_pose), 3, 6)), np.zeros((points, 3, q))
+    whitened, y_calibration = np.empty(of_point.shape), np.zeros((points, 3, q))
     inverse, V, mixed = np.empty((points, 3, 3)), np.empty((3, 3)), np.empty((3, q))
     for t in range(points):
         V[:], mixed[:] = 0.0, 0.0
@@ -91,11 +92,9 @@ def eliminate(
                 y_calibration[t, a, c] = R[a, 0] * mixed[0, c] + R[a, 1] * mixed[1, c] + R[a, 2] * mixed[2, c]
             for m in range(first[t], first[t + 1]):
                 J = of_point[m]
-                u = R[a, 0] * J[0, 0] + R[a, 1] * J[0, 1] + R[a, 2] * J[0, 2]
-                v = R[a, 0] * J[1, 0] + R[a, 1] * J[1, 1] + R[a, 2] * J[1, 2]
-                for c in range(6):
-                    y_pose[m, a, c] = u * of_pose[m, 0, c] + v * of_pose[m, 1, c]
-    return y_pose, y_calibration, inverse
+                for k in range(2):
+                    whitened[m, k, a] = R[a, 0] * J[k, 0] + R[a, 1] * J[k, 1] + R[a, 2] * J[k, 2]
+    return whitened, y_calibration, inverse
 
 
 @njit(cache=True)
@@ -123,7 +122,7 @@ def add_camera_system(
     row: Index,
     column: Index,
     of_pose: Array,
-    y_pose: Array,
+    whitened: Array,
     place: Index,
     begin: int,
     end: int,
@@ -146,15 +145,20 @@ def add_camera_system(
                 u, v = of_pose[m, 0, c], of_pose[m, 1, c]
                 for d in range(6):
                     blocks[number[i], c, d] += u * of_pose[m, 0, d] + v * of_pose[m, 1, d]
-            Y = y_pose[m]
+            P, J = whitened[m], of_pose[m]
             for other in range(first[track[m]], first[track[m] + 1]):
                 if camera[other] < i:
                     continue
-                block, Z = blocks[number[camera[other]]], y_pose[other]
+                block, Q, K = blocks[number[camera[other]]], whitened[other], of_pose[other]
+                k00 = P[0, 0] * Q[0, 0] + P[0, 1] * Q[0, 1] + P[0, 2] * Q[0, 2]
+                k01 = P[0, 0] * Q[1, 0] + P[0, 1] * Q[1, 1] + P[0, 2] * Q[1, 2]
+                k10 = P[1, 0] * Q[0, 0] + P[1, 1] * Q[0, 1] + P[1, 2] * Q[0, 2]
+                k11 = P[1, 0] * Q[1, 0] + P[1, 1] * Q[1, 1] + P[1, 2] * Q[1, 2]
                 for c in range(6):
-                    y0, y1, y2 = Y[0, c], Y[1, c], Y[2, c]
+                    u = k00 * J[0, c] + k10 * J[1, c]
+                    v = k01 * J[0, c] + k11 * J[1, c]
                     for d in range(6):
-                        block[c, d] -= y0 * Z[0, d] + y1 * Z[1, d] + y2 * Z[2, d]
+                        block[c, d] -= u * K[0, d] + v * K[1, d]
         for c in range(6):
             own = place[i] + c
             for k in range(count):
@@ -188,3 +192,24 @@ def add_product(blocks: Array, column: Index, vectors: Array, product: Array) ->
             for b in range(blocks.shape[2]):
                 for k in range(vectors.shape[2]):
                     y[a, k] += blocks[m, a, b] * x[b, k]
+
+
+@njit(cache=True)
+def add_products(
+    left: Array, right: Array, row: Index, column: Index, vectors: Array, product: Array
+) -> None:
+    """Add left' right x of each observation, blocks (m, 2, a) and (m, 2, b) with the vectors (columns, b, k)
+    at ``column``, to the products (rows, a, k) at ``row``."""
+    count = vectors.shape[2]
+    between = np.empty((2, count))
+    for m in range(len(left)):
+        x, y = vectors[column[m]], product[row[m]]
+        between[:] = 0.0
+        for r in range(2):
+            for b in range(right.shape[2]):
+                for k in range(count):
+                    between[r, k] += right[m, r, b] * x[b, k]
+        for r in range(2):
+            for a in range(left.shape[2]):
+                for k in range(count):
+                    y[a, k] += left[m, r, a] * between[r, k]

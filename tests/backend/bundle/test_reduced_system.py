@@ -87,6 +87,16 @@ def test_products_with_the_jacobian_need_it_not_as_a_whole(case: dict, monkeypat
     np.testing.assert_allclose(np.concatenate(linear.gradient), J.T @ b, atol=1e-11 * scale)
 
 
+def test_an_elimination_keeps_less_than_the_blocks_of_the_poses_beside_its_factor() -> None:
+    """What points and poses have in common would be half as large again as these blocks."""
+    cost, at = posed(UNKNOWN)
+    linear = cost.linearise(at, cost.structure(at))
+    arrays = [each for each in vars(linear.eliminate()).values() if isinstance(each, np.ndarray)]
+    own = [each.nbytes for each in arrays if not np.shares_memory(each, linear.seen.of_pose)]
+    assert len(arrays) > len(own) > 0
+    assert sum(own) < linear.seen.of_pose.nbytes
+
+
 def gtsam_jacobian(cost: BundleCost, at: Variables) -> tuple[np.ndarray, np.ndarray]:
     """The Jacobian of gtsam, columns of the pose side by key and of the points, and its right-hand side."""
     ordering = gtsam.Ordering()
