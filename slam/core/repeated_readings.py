@@ -7,16 +7,20 @@ is faster than its sensor writes each reading several times in a row. Neither is
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from backend.quantiles import chi_square_limit
 from slam.core.flight import Flight
+from slam.core.geodesy import enu_from_geodetic
 from slam.core.messages import Message, about
-from slam.core.streams import STREAMS
+from slam.core.streams import STREAMS, Instrument
 
 Array = NDArray[np.float64]
+_Series = TypeVar("_Series", bound=Instrument)
 
 _ROWS = 20
 """Successive equal readings that make a block."""
@@ -37,6 +41,8 @@ _NEVER_REPEATING = ("imu", "attitude", "velocity")
 _UNSTEADY = 0.4
 """Standard deviation over mean of the lengths of runs. A logger of another rate makes runs of two lengths
 that follow each other: at most 1/3. Runs of a coarse reading end by chance: 0.41 and more."""
+_CHANCE = 1e-5
+"""Probability that two fixes of one place lie so far apart."""
 
 
 def without_held_readings(flight: Flight) -> Flight:
@@ -60,9 +66,7 @@ def without_held_readings(flight: Flight) -> Flight:
             continue
         if steady.std() > _UNSTEADY * steady.mean():
             continue
-        arrays = {f.name: getattr(series, f.name) for f in fields(series)}
-        kept = {key: a[first] for key, a in arrays.items() if isinstance(a, np.ndarray) and len(a) == count}
-        flight = replace(flight, **{name: replace(series, **kept)}).with_warning(
+        flight = replace(flight, **{name: _rows(series, first)}).with_warning(
             about(
                 STREAMS[name].folder,
                 f"{count - len(runs)} of {count} readings only repeat the one before, as a logger writes "
@@ -71,6 +75,44 @@ def without_held_readings(flight: Flight) -> Flight:
             )
         )
     return flight
+
+
+def without_stale_fixes(flight: Flight) -> Flight:
+    """Return the flight without fixes that repeat a place which the next other fix shows to be left, and a
+    warning of them.
+
+    A receiver that has lost its satellites repeats its last place, and then jumps to where the vehicle is.
+    Where it jumps by no more than the errors of two fixes, the vehicle may have stood: those stay.
+    """
+    gps, origin = flight.gps, flight.geo_origin()
+    if gps is None or origin is None:
+        return flight
+    place = np.column_stack([gps.latitude_deg, gps.longitude_deg])
+    first = np.append(True, (place[1:] != place[:-1]).any(axis=1))
+    begin = np.flatnonzero(first)
+    w_p_m = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, np.nan, origin)[begin, :2]
+    variance_m2 = gps.each_std_m[begin, :2] ** 2
+    jump = np.sum(np.diff(w_p_m, axis=0) ** 2 / (variance_m2[1:] + variance_m2[:-1]), axis=1)
+    left = np.append(jump > chi_square_limit(_CHANCE, 2), False)
+    stale = ~first & left[np.cumsum(first) - 1]
+    if not stale.any():
+        return flight
+    at_s = gps.stamps_s[stale]
+    return replace(flight, gps=_rows(gps, ~stale)).with_warning(
+        about(
+            STREAMS["gps"].folder,
+            f"{stale.sum()} of {len(stale)} fixes, from {at_s[0]:.1f} to {at_s[-1]:.1f} s, repeat the place "
+            "before to the last digit, and the next one is elsewhere, as of a receiver without satellites",
+            "the first of each is kept",
+        )
+    )
+
+
+def _rows(series: _Series, kept: NDArray[np.bool_]) -> _Series:
+    """Return the rows of a stream that are ``kept`` (n,)."""
+    arrays = {each.name: getattr(series, each.name) for each in fields(series)}
+    rows = {name: a[kept] for name, a in arrays.items() if isinstance(a, np.ndarray) and len(a) == len(kept)}
+    return replace(series, **rows)
 
 
 def repeated_readings(flight: Flight) -> list[Message]:

@@ -18,7 +18,7 @@ from slam.core.estimate import Estimate
 from slam.core.flight_info import anomalies
 from slam.core.messages import Message, joined, warning
 from slam.core.progress import Progress, show_compilation, silent
-from slam.core.repeated_readings import without_held_readings
+from slam.core.repeated_readings import without_held_readings, without_stale_fixes
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.core.stage_timer import Stopwatch
 from slam.core.turn_units import in_radians
@@ -69,7 +69,7 @@ def navigate(
     Raises ``InputError`` where the recording is insufficient, or would give more than ``MOST_POSES`` poses.
     """
     check_flight(flight)
-    flight, clock = in_radians(without_held_readings(flight)), Stopwatch()
+    flight, clock = in_radians(without_stale_fixes(without_held_readings(flight))), Stopwatch()
     with show_compilation(progress):
         with clock("instruments"):
             flight, contradictions = checked(flight, trust)

@@ -7,8 +7,8 @@ import pytest
 
 from slam.core.flight import Flight
 from slam.core.flight_info import describe
-from slam.core.repeated_readings import repeated_readings, without_held_readings
-from slam.core.streams import Imu, Sonar, Velocity
+from slam.core.repeated_readings import repeated_readings, without_held_readings, without_stale_fixes
+from slam.core.streams import Gps, Imu, Sonar, Velocity
 
 
 def read(range_m: np.ndarray) -> Flight:
@@ -82,3 +82,29 @@ def test_readings_that_repeat_by_themselves_stay():
     for values in (rng.normal(0, 0.1, (400, 3)), stuck, np.zeros((400, 3))):
         flight = imu_of(values)
         assert without_held_readings(flight) is flight
+
+
+def fixes_along(east_m: np.ndarray, std_m: float = 0.5) -> Flight:
+    """Fixes without altitude, five a second, whose stated errors are ``std_m``."""
+    count = len(east_m)
+    longitude = 8.0 + east_m / (111_320.0 * np.cos(np.radians(47.0)))
+    noise_std_m = std_m, std_m, 2 * std_m
+    gps = Gps(0.2 * np.arange(count), np.full(count, 47.0), longitude, np.full(count, np.nan), noise_std_m)
+    return Flight("made", gps=gps)
+
+
+def test_fixes_that_a_receiver_holds_are_left_out_and_told():
+    east_m = 0.3 * np.arange(100) + np.random.default_rng(0).normal(0, 0.1, 100)
+    held = np.where((np.arange(100) > 30) & (np.arange(100) <= 70), 30, np.arange(100))
+    flight = without_stale_fixes(fixes_along(east_m[held]))
+    assert flight.gps is not None
+    np.testing.assert_allclose(flight.gps.stamps_s, 0.2 * np.concatenate([np.arange(31), np.arange(71, 100)]))
+    assert flight.warnings[0].startswith("gps0: 40 of 100 fixes, from 6.2 to 14.0 s, repeat the place")
+
+
+def test_fixes_of_a_vehicle_that_stands_or_of_coarse_digits_stay():
+    noise_m = np.random.default_rng(0).normal(0, 0.5, 200)
+    stands = np.concatenate([np.zeros(100), 0.3 * np.arange(100)])
+    for east_m in (np.zeros(200), stands, np.round(noise_m), noise_m):
+        flight = fixes_along(east_m)
+        assert without_stale_fixes(flight) is flight

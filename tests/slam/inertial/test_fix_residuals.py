@@ -11,6 +11,7 @@ from slam.inertial.filter_input import filter_input
 from slam.inertial.fix_residuals import fix_contradiction
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.motion import filter_motion
+from slam.inertial.navigate import navigate
 from tests.slam.inertial.made_navigation import made_flight
 from tests.slam.small_flight import gps_of
 
@@ -60,3 +61,21 @@ def test_fixes_of_another_time_or_place_are_told(wrong):
 
 def test_poses_too_far_apart_show_nothing():
     assert told(late(flown(1)), rate_hz=0.3) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_receiver_that_holds_a_place_for_a_while_moves_no_track(seed):
+    flight = flown(seed)
+    gps = flight.gps
+    count = len(gps.stamps_s)
+    held = np.arange(count)
+    held[count // 3 : 2 * count // 3] = count // 3
+    wrong = replace(
+        gps, latitude_deg=gps.latitude_deg[held], longitude_deg=gps.longitude_deg[held],
+    )  # fmt: skip
+    trust = InertialTrust(gps_floor_m=FIX_STD_M)
+    found, healthy = (navigate(replace(flight, gps=each), trust).estimate for each in (wrong, gps))
+    assert any("repeat the place before" in str(line) for line in found.warnings)
+    apart_m = np.linalg.norm((found.w_T_b - healthy.w_T_b)[:, :2, 3], axis=1)
+    std_m = np.sqrt(np.trace(found.covariances[:, 3:5, 3:5], axis1=1, axis2=2))
+    assert np.sqrt(np.mean((apart_m / std_m) ** 2)) < 1.5
