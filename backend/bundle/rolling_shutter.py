@@ -221,7 +221,7 @@ def row_motion(optimum: BundleOptimum) -> tuple[Array | None, Array | None]:
     if motion is None:
         return None, None
     f_T_c = Cameras.of(problem, optimum.values).f_T_c
-    scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
+    scale = optimum.transform.scale
     readout_s = _readout_s(motion, optimum.values)
     b_R_f = problem.b_T_c(optimum.values)[:3, :3] @ np.swapaxes(f_T_c[:, :3, :3], 1, 2)
     moved = np.einsum("nab,nb->na", b_R_f, scale * motion.over_rows(readout_s))

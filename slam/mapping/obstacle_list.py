@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from backend.bundle.accuracy.refined_points import metric_points
-from backend.bundle.factors import LOG_SCALE, WORLD
 from backend.bundle.refinement import Bundle
 from frontend.elevation import NEAREST, Elevation, elevation_map
 from frontend.obstacles import ObstacleList, standing_on
@@ -58,7 +57,7 @@ def obstacles_by_points(bundle: Bundle, metric: bool, config: MaskingConfig) -> 
     Lengths of a map that is not ``metric`` are multiples of the flying height, of which a share stands for
     gamma_3.
     """
-    scale = float(np.exp(bundle.optimum.values.atVector(WORLD)[LOG_SCALE]))
+    scale = bundle.optimum.transform.scale
     above_m = max(config.gamma_3_m if metric else RELATIVE_GAMMA, RELIEF_SIGMAS * bundle.noise.relief * scale)
     surface = _heights_of_points(bundle, scale)
     if surface is None:

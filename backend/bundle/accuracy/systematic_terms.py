@@ -11,7 +11,6 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend import se3
-from backend.bundle.factors import LOG_SCALE, WORLD
 from backend.bundle.lens import CENTER, FOCAL, NAMES
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
@@ -101,7 +100,7 @@ def _of_positions(optimum: BundleOptimum, rows: int) -> Array:
     """Return the columns (rows, 2): an offset moves a position as a motion of the camera does."""
     factors = optimum.cost.pose_side
     mine = np.flatnonzero(factors.rows_of("position"))
-    scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
+    scale = optimum.transform.scale
     c_T_b = se3.inverse(optimum.problem.b_T_c(optimum.values))
     columns = np.zeros((rows, 2))
     of_pose_side = columns[rows - len(factors.keyframes) :]

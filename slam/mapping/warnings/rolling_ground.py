@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from backend.bundle.factors import LOG_SCALE, WORLD
 from slam.core.messages import Message, warning
 from slam.core.units import length
 from slam.mapping.map import Map
@@ -29,7 +28,7 @@ def rolling_ground_warning(map_: Map, shares: Shares) -> Message | None:
     by_flatness = max(shares.get(axis, {}).get("flat_floor", 0.0) for axis in ("roll", "pitch"))
     if heights >= FEWEST_HEIGHTS or by_flatness < LEAST_SHARE:
         return None
-    relief_m = bundle.noise.relief * float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
+    relief_m = bundle.noise.relief * optimum.transform.scale
     return warning(
         f"the ground rises and falls by {length(relief_m, map_.metric)} in waves as long as the map, which "
         "look like a tilt of the whole map: roll, pitch and heights rest on ground that is level on the "
