@@ -243,22 +243,26 @@ def _eliminate(optimum: BundleOptimum) -> tuple[_Scores, Mapping[Kind, Array]]:
         kept += [*column.T]
         moved[kind] = moves(change)
     count = int(added.keyframe.max()) + 1
-    sums = [_by_picture(linear.right[:, None], kept, added.keyframe, count)]
+    sums = [_by_picture([linear.right], kept, added.keyframe, count)]
     rng, rows = np.random.default_rng(0), len(linear.right)
     at_once = columns_at_once(rows, _DRAWS)
     for begin in range(0, _DRAWS, at_once):
         # Draw by draw, so that they are the same however many there are at once.
         white = np.ascontiguousarray(rng.standard_normal((min(at_once, _DRAWS - begin), rows)).T)
         white -= absorbed_by_fit(white)[0]
-        sums.append(_by_picture(white, kept, added.keyframe, count))
-    squares = np.concatenate([_by_picture(c[:, None], kept, added.keyframe, count) for c in kept], axis=1)
+        sums.append(_by_picture([*white.T], kept, added.keyframe, count))
+    squares = _by_picture(kept, kept, added.keyframe, count)
     return _Scores(places, squares, np.concatenate(sums, axis=1)), moved
 
 
-def _by_picture(left: Array, columns: Sequence[Array], picture: NDArray[np.int64], count: int) -> Array:
-    """Return the products (count, d, c) of vectors (rows, d) and columns, summed picture by picture."""
-    sums = [[np.bincount(picture, one * column, count) for column in columns] for one in left.T]
-    return np.array(sums).transpose(2, 0, 1)
+def _by_picture(
+    left: Sequence[Array], columns: Sequence[Array], picture: NDArray[np.int64], count: int
+) -> Array:
+    """Return the products (count, d, c) of d vectors (rows,) and c columns, summed picture by picture."""
+    sums = np.zeros((count, len(left), len(columns)))
+    for place in np.ndindex(sums.shape[1:]):
+        sums[:, *place] = np.bincount(picture, left[place[0]] * columns[place[1]], count)
+    return sums
 
 
 def _moves(optimum: BundleOptimum) -> Callable[[Array], Array]:
