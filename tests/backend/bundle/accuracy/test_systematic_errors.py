@@ -201,7 +201,7 @@ def test_a_test_of_sums_by_picture_is_that_of_all_rows(given: list) -> None:
     columns[:, 4] = columns[:, 0] + 1e-3 * rng.normal(size=rows)
     left = rng.normal(size=(rows, 9)) + 0.05 * columns[:, 4:5]
     places = {"radial": [0, 1], "decentring": [2, 3], "principal point": [4, 5]}
-    squares, sums = (_by_picture(each, [*columns.T], picture, pictures) for each in (columns, left))
+    squares, sums = (_by_picture([*each.T], [*columns.T], picture, pictures) for each in (columns, left))
     found = _Scores(places, squares, sums).test(["principal point"], given)
     known = columns[:, [at for kind in given for at in places[kind]]]
     tested, residuals = (
@@ -221,7 +221,9 @@ def test_a_kind_that_others_explain_wholly_is_no_error() -> None:
     rng, picture = np.random.default_rng(1), np.arange(300) // 30
     one = rng.normal(size=(300, 2))
     columns = np.hstack([one, one @ [[2.0, 1.0], [0.0, 3.0]]])
-    squares, sums = (_by_picture(e, [*columns.T], picture, 10) for e in (columns, rng.normal(size=(300, 5))))
+    squares, sums = (
+        _by_picture([*e.T], [*columns.T], picture, 10) for e in (columns, rng.normal(size=(300, 5)))
+    )
     scores = _Scores({"radial": [0, 1], "decentring": [2, 3]}, squares, sums)
     assert scores.test(["decentring"], ["radial"]).p_value == 1.0
     assert scores.test(["decentring"], []).p_value < 1.0
