@@ -7,7 +7,7 @@ is faster than its sensor writes each reading several times in a row. Neither is
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from backend.quantiles import chi_square_limit
 from slam.core.flight import Flight
 from slam.core.geodesy import enu_from_geodetic
+from slam.core.instrument import Instrument
 from slam.core.messages import Message, about
-from slam.core.streams import STREAMS, Instrument
+from slam.core.streams import STREAMS
 
 Array = NDArray[np.float64]
 _Series = TypeVar("_Series", bound=Instrument)
@@ -111,7 +112,9 @@ def without_stale_fixes(flight: Flight) -> Flight:
 def _rows(series: _Series, kept: NDArray[np.bool_]) -> _Series:
     """Return the rows of a stream that are ``kept`` (n,)."""
     arrays = {each.name: getattr(series, each.name) for each in fields(series)}
-    rows = {name: a[kept] for name, a in arrays.items() if isinstance(a, np.ndarray) and len(a) == len(kept)}
+    rows: dict[str, Any] = {
+        name: a[kept] for name, a in arrays.items() if isinstance(a, np.ndarray) and len(a) == len(kept)
+    }
     return replace(series, **rows)
 
 
